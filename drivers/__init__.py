@@ -1,0 +1,1 @@
+"""How each device is spoken to, byte by byte."""

@@ -1,0 +1,1 @@
+"""The operator's windows: no science and no device input or output of their own."""

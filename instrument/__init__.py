@@ -1,0 +1,1 @@
+"""What a scan is: plan, states, safety, calibration, uncertainty, records."""

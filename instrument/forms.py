@@ -1,0 +1,73 @@
+"""Reading the TOML forms of the data contract, with errors that name file and key."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from instrument.errors import InputError
+
+
+class Form(BaseModel):
+    """A part of a TOML form: unknown keys are errors, values do not change after reading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+F = TypeVar("F", bound=BaseModel)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, no text, or not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder, expected a TOML file") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+
+
+def read_form(path: Path, form: type[F]) -> F:
+    """Read a TOML file into a form.
+
+    Raises
+    ------
+    InputError
+        Naming the file, every wrong key, what was found and what was expected.
+    """
+    return parse_form(read_toml(path), form, str(path))
+
+
+def parse_form(data: dict[str, Any], form: type[F], source: str) -> F:
+    """Check a dictionary against a form; ``source`` names it in errors."""
+    try:
+        return form.model_validate(data)
+    except ValidationError as error:
+        raise InputError(_explain(source, error)) from None
+
+
+def _explain(source: str, error: ValidationError) -> str:
+    lines = []
+    for problem in error.errors():
+        key = ".".join(str(part) for part in problem["loc"]) or "(file)"
+        if problem["type"] == "extra_forbidden":
+            lines.append(f"{source}: {key}: unknown key (found {problem['input']!r})")
+        elif problem["type"] == "missing":
+            lines.append(f"{source}: {key}: missing")
+        else:
+            message = problem["msg"].removeprefix("Value error, ")
+            lines.append(f"{source}: {key}: found {problem['input']!r}; {message}")
+    return "\n".join(lines)

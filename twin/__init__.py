@@ -1,0 +1,1 @@
+"""What should be measured, how sure that is, and how the two compare."""
