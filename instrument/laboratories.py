@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from instrument.errors import InputError
+from instrument.operators import Operator
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class StartedLaboratory(Protocol):
     """A running laboratory; a context manager that ends it."""
 
     inputs: Inputs
+    operator: Operator
 
     def __enter__(self) -> StartedLaboratory: ...
 
