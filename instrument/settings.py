@@ -1,0 +1,74 @@
+"""How a scan is carried out: times, tolerances to failure, number of attempts. Nothing here changes what is measured.
+
+Seconds are laboratory seconds (:mod:`drivers.clock`) except where a name says ``wall``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from instrument.forms import Form
+
+Seconds = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class MotionSettings(Form):
+    """How a move is watched."""
+
+    poll: Seconds = 0.1
+    poll_wall: Seconds = 0.005  # never ask more often than the wire can answer
+    start_grace: Seconds = 1.0  # standing still off target for longer: the command had no effect
+    deadline_factor: Annotated[float, Field(ge=1)] = 1.5  # of the time that the trapezoidal profile takes
+    deadline_extra: Seconds = 2.0
+    wire_wall: Seconds = 2.0  # for exchanges with the device, added to every deadline
+    homing_deadline: Seconds = 180.0
+    stop_deadline: Seconds = 10.0
+
+
+class AcquisitionSettings(Form):
+    """How a reading is taken."""
+
+    dark_samples: Count = 9
+    settling: Seconds = 0.5  # after the arms have come to rest or the shutter has opened, at least
+    ceiling: Annotated[float, Field(gt=0, le=1)] = 0.9  # of full scale: above it the gain goes down
+    floor: Annotated[float, Field(ge=0, lt=1)] = 0.05  # below it the gain goes up, where that stays under target
+    target: Annotated[float, Field(gt=0, le=1)] = 0.8
+    read_attempts: Count = 3  # of a question that changes nothing
+
+
+class ScanSettings(Form):
+    """The whole.
+
+    Attributes
+    ----------
+    dwell
+        What a point takes once the arms stand, readings included: with 20 s and short moves a real scan keeps the
+        pace of about 2.7 points a minute; what the readings leave of it is settling time.
+    keep_alive, keep_alive_wall
+        The source is fed whenever both have passed; it switches off by itself when the engine hangs for ``heartbeat``.
+    after_failure
+        What follows a point that could not be measured: the next one, or an orderly end as faulted.
+    failures_in_a_row
+        So many and the instrument, not the point, is at fault: the scan ends.
+    suspend_limit
+        How long to wait for a person when the laboratory cannot measure; then the scan ends as faulted.
+    emission_while_mounting
+        Leave the source on (behind a closed shutter) while hands are at the stage.
+    """
+
+    dwell: Seconds = 20.0
+    warm_up: Seconds = 0.0
+    source_power: Annotated[float, Field(gt=0, le=1)] = 1.0
+    keep_alive: Seconds = 2.0
+    keep_alive_wall: Seconds = 0.02
+    heartbeat: Seconds = 60.0
+    heartbeat_wall: Seconds = 30.0
+    after_failure: Literal["continue", "end"] = "continue"
+    failures_in_a_row: Count = 3
+    suspend_limit: Seconds = 3600.0
+    emission_while_mounting: bool = False
+    motion: MotionSettings = MotionSettings()
+    acquisition: AcquisitionSettings = AcquisitionSettings()
