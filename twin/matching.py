@@ -1,0 +1,108 @@
+"""Finds, for every measured point, the predicted point of the same geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from instrument.angles import FloatArray, direction
+from instrument.errors import InputError
+
+#: How far two geometries may lie apart and still be the same: degree between directions, and nm.
+ANGLE_TOLERANCE = 1e-3
+WAVELENGTH_TOLERANCE = 1e-3
+
+GEOMETRY = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_zenith", "sensor_azimuth")
+
+
+def match_points(
+    measurement: xr.Dataset, prediction: xr.Dataset, rows: NDArray[np.int64] | None = None
+) -> NDArray[np.int64]:
+    """Rows of the prediction that belong to the rows of the measurement.
+
+    Directions are compared, not numbers: sensor zenith -30 at azimuth 0 is zenith 30 at azimuth 180. Where several
+    predicted points share a direction (zenith 0 at every azimuth) the one with the same angles is taken.
+
+    Parameters
+    ----------
+    measurement, prediction
+        With the coordinates :data:`GEOMETRY` along ``point``.
+    rows
+        What the measured points are called in an error: their rows in the file, if some were left out.
+
+    Returns
+    -------
+    array, shape (point of the measurement,)
+
+    Raises
+    ------
+    InputError
+        If a measured point has no prediction; names the first such point and the nearest prediction.
+    """
+    wanted, offered = geometry_table(measurement), geometry_table(prediction)
+    if wanted.shape == offered.shape and np.allclose(wanted, offered, rtol=0, atol=0.1 * ANGLE_TOLERANCE):
+        return np.arange(len(wanted))
+    if not len(offered):
+        raise InputError("the prediction has no points")
+    tree = cKDTree(_features(offered))
+    candidates = tree.query_ball_point(_features(wanted), r=1.0)
+    lonely = [row for row, found in enumerate(candidates) if not found]
+    if lonely:
+        names = np.arange(len(wanted)) if rows is None else rows
+        raise InputError(_explain(wanted, offered, tree, lonely, names))
+    return np.array([_closest(wanted[row], offered, found) for row, found in enumerate(candidates)], dtype=np.int64)
+
+
+def geometry_table(dataset: xr.Dataset) -> FloatArray:
+    """Coordinates as an array of shape (point, 5), in the order of :data:`GEOMETRY`.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is missing.
+    """
+    missing = [name for name in GEOMETRY if name not in dataset]
+    if missing:
+        raise InputError(f"coordinate {', '.join(missing)} missing; found {', '.join(map(str, dataset.variables))}")
+    return np.stack([np.asarray(dataset[name].values, dtype=float) for name in GEOMETRY], axis=-1)
+
+
+def describe_geometry(row: FloatArray) -> str:
+    """One geometry, for a person."""
+    wavelength, illumination_zenith, illumination_azimuth, sensor_zenith, sensor_azimuth = (float(v) for v in row)
+    return (
+        f"{wavelength:g} nm, illumination zenith {illumination_zenith:g} azimuth {illumination_azimuth:g},"
+        f" sensor zenith {sensor_zenith:g} azimuth {sensor_azimuth:g} degree"
+    )
+
+
+def _features(table: FloatArray) -> FloatArray:
+    """Points whose distance is 1 at the tolerance, shape (point, 7)."""
+    scale = 1.0 / np.deg2rad(ANGLE_TOLERANCE)
+    return np.concatenate(
+        [
+            table[:, :1] / WAVELENGTH_TOLERANCE,
+            scale * direction(table[:, 1], table[:, 2]),
+            scale * direction(table[:, 3], table[:, 4]),
+        ],
+        axis=-1,
+    )
+
+
+def _closest(wanted: FloatArray, offered: FloatArray, candidates: list[int]) -> int:
+    distance = np.abs(offered[candidates] - wanted).sum(axis=-1)
+    return candidates[int(np.argmin(distance))]
+
+
+def _explain(
+    wanted: FloatArray, offered: FloatArray, tree: cKDTree, lonely: list[int], names: NDArray[np.int64]
+) -> str:
+    row = lonely[0]
+    _, nearest = tree.query(_features(wanted[row : row + 1])[0])
+    others = f" ({len(lonely)} of {len(wanted)} measured points have none)" if len(lonely) > 1 else ""
+    return (
+        f"point {names[row]} has no prediction{others}: measured at {describe_geometry(wanted[row])};"
+        f" the nearest predicted point, {nearest}, is at {describe_geometry(offered[nearest])}"
+    )
