@@ -1,0 +1,304 @@
+"""Where the arms may be and how they get there, decided before anything moves.
+
+The illumination arm moves in the x-z plane; the detector head must never come closer to its direction than the
+half-angle of the shadow cone, neither at a point nor on the way between two. Arms move one after the other, so
+that the path is known exactly: nobody knows how two drives share their time. Where the direct ways cross the
+cone, the shortest way around it is sought (swing the azimuth aside, or the illumination arm).
+
+Degrees throughout; see the data contract, section Angles and frames.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count, permutations
+from typing import NamedTuple
+
+from drivers.interfaces import AxisLimits
+from instrument.durations import AXES, move_time
+from instrument.errors import InputError, SafetyError
+from instrument.events import Geometry
+from instrument.facility import Arms
+from instrument.plan import SHADOW_SLACK, describe
+
+#: Spacing of the ways around the cone that are tried, degree.
+_DETOUR_STEP = 15.0
+#: Seconds that a move costs beyond its profile (settling, read-back): prefers ways with few moves.
+_MOVE_COST = 1.0
+
+
+class Pose(NamedTuple):
+    """Where the three arms stand, degree."""
+
+    illumination_zenith: float
+    sensor_azimuth: float
+    sensor_zenith: float
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> Pose:
+        """The pose that measures a geometry.
+
+        Raises
+        ------
+        SafetyError
+            If it has an illumination azimuth: no arm can do that, only a turned sample.
+        """
+        if geometry.illumination_azimuth != 0.0:
+            raise SafetyError(
+                f"{describe(geometry)}: the illumination arm moves in the plane of azimuth 0 only;"
+                " turn the sample and plan sensor azimuths relative to it"
+            )
+        return cls(geometry.illumination_zenith, geometry.sensor_azimuth, geometry.sensor_zenith)
+
+    def moved(self, axis: str, target: float) -> Pose:
+        """This pose with one arm elsewhere."""
+        return self._replace(**{axis: target})
+
+    def separation(self) -> float:
+        """Angle between illumination and sensor direction, degree."""
+        return _separation(self.illumination_zenith, self.sensor_azimuth, self.sensor_zenith)
+
+
+class Leg(NamedTuple):
+    """One arm moves, the others stand."""
+
+    axis: str
+    start: float
+    target: float
+
+
+def closest(pose: Pose, leg: Leg) -> float:
+    """Smallest angle (degree) between illumination and sensor direction while one arm moves.
+
+    Exact: along a leg the cosine of the angle is a sinusoid of the moving coordinate, so its largest value lies
+    at an end or where the sinusoid peaks.
+    """
+    low, high = sorted((leg.start, leg.target))
+    candidates = [low, high]
+    peak = math.degrees(_peak_rad(pose, leg.axis))
+    first = peak + 360.0 * math.ceil((low - peak) / 360.0)
+    while first <= high:
+        candidates.append(first)
+        first += 360.0
+    return min(pose.moved(leg.axis, value).separation() for value in candidates)
+
+
+def _peak_rad(pose: Pose, axis: str) -> float:
+    """Where the moving coordinate brings the two directions closest."""
+    ill_rad, azimuth_rad, zenith_rad = (math.radians(value) for value in pose)
+    if axis == "sensor_azimuth":
+        return 0.0 if math.sin(ill_rad) * math.sin(zenith_rad) >= 0 else math.pi
+    fixed_rad = ill_rad if axis == "sensor_zenith" else zenith_rad
+    return math.atan2(math.sin(fixed_rad) * math.cos(azimuth_rad), math.cos(fixed_rad))
+
+
+def _separation(illumination_zenith: float, sensor_azimuth: float, sensor_zenith: float) -> float:
+    i, a, s = (math.radians(value) for value in (illumination_zenith, sensor_azimuth, sensor_zenith))
+    dx = math.sin(s) * math.cos(a) - math.sin(i)
+    dy = math.sin(s) * math.sin(a)
+    dz = math.cos(s) - math.cos(i)
+    return math.degrees(2.0 * math.asin(min(math.sqrt(dx * dx + dy * dy + dz * dz) / 2.0, 1.0)))
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Where the arms may be: travel of each (degree, (lower, upper)) and half-angle of the cone."""
+
+    travel: Mapping[str, tuple[float, float]]
+    cone: float
+    speeds: Mapping[str, AxisLimits] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, arms: Arms, limits: Mapping[str, AxisLimits]) -> Envelope:
+        """What both the facility and the drives allow.
+
+        Raises
+        ------
+        SafetyError
+            If the two leave an arm no travel at all.
+        """
+        travel = {}
+        for axis in AXES:
+            low, high = getattr(arms, axis)
+            travel[axis] = (max(low, limits[axis].lower), min(high, limits[axis].upper))
+            if travel[axis][0] > travel[axis][1]:
+                raise SafetyError(
+                    f"{axis}: the facility allows {low:g} to {high:g} degrees, the drive {limits[axis].lower:g} to"
+                    f" {limits[axis].upper:g}: nothing in common"
+                )
+        return cls(travel, arms.shadow_half_angle, dict(limits))
+
+    def check_point(self, geometry: Geometry, name: str) -> Pose:
+        """The pose of a point, which may be taken.
+
+        Raises
+        ------
+        InputError
+            If an angle lies beyond an arm.
+        SafetyError
+            If the detector head would stand in the beam.
+        """
+        pose = Pose.of(geometry)
+        for axis, value in zip(AXES, pose, strict=True):
+            low, high = self.travel[axis]
+            if not low <= value <= high:
+                raise InputError(
+                    f"{name}: {axis}: found {value:g} degrees, beyond the arm; expected {low:g} to {high:g}"
+                    f" ({describe(geometry)})"
+                )
+        if pose.separation() < self.cone - SHADOW_SLACK:
+            raise SafetyError(
+                f"{name}: {describe(geometry)}: {pose.separation():.2f} degrees from retro-reflection, the detector"
+                f" head would stand in the beam (at least {self.cone:g} degrees)"
+            )
+        return pose
+
+    def clear(self, pose: Pose, leg: Leg) -> bool:
+        """Whether an arm may move: within its travel (or towards it), and never closer to the beam than the cone.
+
+        Arms that already stand inside the cone, after homing for example, may only move away from the beam.
+        """
+        low, high = self.travel[leg.axis]
+        if not low <= leg.target <= high:
+            return False
+        return closest(pose, leg) >= min(self.cone, pose.separation()) - SHADOW_SLACK
+
+    def route(self, start: Pose, target: Pose) -> tuple[Leg, ...]:
+        """Moves, one arm at a time, from a pose to another: the direct way, or else the shortest found around.
+
+        Raises
+        ------
+        SafetyError
+            If every way crosses the cone or leaves the travel.
+        """
+        direct = min(self._direct(start, target), key=self._cost, default=None)
+        if direct is not None:
+            return direct
+        around = self._search(start, target)
+        if around is None:
+            raise SafetyError(
+                f"no way from {_say(start)} to {_say(target)} keeps {self.cone:g} degrees from the beam within the"
+                " travel of the arms; reorder the plan or widen the travel"
+            )
+        return around
+
+    def _direct(self, start: Pose, target: Pose) -> Iterator[tuple[Leg, ...]]:
+        for order in permutations(leg.axis for leg in _straight(start, target)):
+            legs, pose = [], start
+            for axis in order:
+                leg = Leg(axis, getattr(pose, axis), getattr(target, axis))
+                if not self.clear(pose, leg):
+                    break
+                legs.append(leg)
+                pose = pose.moved(axis, leg.target)
+            else:
+                yield tuple(legs)
+
+    def _search(self, start: Pose, target: Pose) -> tuple[Leg, ...] | None:
+        """The A* algorithm over a lattice of poses; what a direct way would still cost never overestimates."""
+        stops = self._stops(start, target)
+        order = count()
+        queue: list[tuple[float, int, float, Pose, tuple[Leg, ...]]] = [(0.0, next(order), 0.0, start, ())]
+        done: set[Pose] = set()
+        while queue:
+            _, _, cost, pose, legs = heapq.heappop(queue)
+            if pose == target:
+                return legs
+            if pose in done:
+                continue
+            done.add(pose)
+            for axis in AXES:
+                here = getattr(pose, axis)
+                for value in stops[axis]:
+                    leg = Leg(axis, here, value)
+                    after = pose.moved(axis, value)
+                    if value != here and after not in done and self.clear(pose, leg):
+                        spent = cost + self._cost((leg,))
+                        likely = spent + self._cost(_straight(after, target))
+                        heapq.heappush(queue, (likely, next(order), spent, after, (*legs, leg)))
+        return None
+
+    def _stops(self, start: Pose, target: Pose) -> dict[str, list[float]]:
+        """Values of each arm that a way around may use: a lattice, and a cone's width beside both ends."""
+        stops = {}
+        for axis in AXES:
+            low, high = self.travel[axis]
+            ends = {getattr(start, axis), getattr(target, axis)}
+            steps = max(math.ceil((high - low) / _DETOUR_STEP), 1)
+            lattice = {low + (high - low) * step / steps for step in range(steps + 1)}
+            beside = {end + side * 2.5 * self.cone for end in ends for side in (-1, 1)}
+            allowed = {value for value in lattice | beside if low <= value <= high}
+            stops[axis] = sorted(allowed | ends)
+        return stops
+
+    def _cost(self, legs: Iterable[Leg]) -> float:
+        return sum(_MOVE_COST + self._seconds(leg) for leg in legs)
+
+    def _seconds(self, leg: Leg) -> float:
+        distance = leg.target - leg.start
+        return move_time(distance, self.speeds[leg.axis]) if leg.axis in self.speeds else abs(distance) / 10.0
+
+    def duration(self, legs: Iterable[Leg]) -> float:
+        """Laboratory seconds of moves, without settling."""
+        return sum(self._seconds(leg) for leg in legs)
+
+
+@dataclass(frozen=True)
+class CheckedPlan:
+    """A plan all of whose points and ways are allowed.
+
+    Attributes
+    ----------
+    routes
+        The moves that lead to each point from the one before; the first from ``start``.
+    moving_time
+        Laboratory seconds of all moves.
+    detours
+        How many points need a way around the cone.
+    """
+
+    start: Pose
+    routes: tuple[tuple[Leg, ...], ...]
+    moving_time: float
+    detours: int
+
+
+def check_plan(points: Iterable[tuple[str, Geometry]], start: Pose, envelope: Envelope) -> CheckedPlan:
+    """Check every named point and every segment between them, before anything moves.
+
+    Parameters
+    ----------
+    points
+        Name (for messages) and geometry, in the order in which they are measured.
+    start
+        Where the arms will stand at the beginning.
+
+    Raises
+    ------
+    InputError
+        If a point lies beyond an arm.
+    SafetyError
+        If a point lies in the shadow cone, or no allowed way leads to it.
+    """
+    named = [(name, envelope.check_point(geometry, name)) for name, geometry in points]
+    routes, pose, detours = [], start, 0
+    for name, target in named:
+        try:
+            legs = envelope.route(pose, target)
+        except SafetyError as error:
+            raise SafetyError(f"{name}: {error}") from None
+        detours += len(legs) > len(_straight(pose, target))
+        routes.append(legs)
+        pose = target
+    return CheckedPlan(start, tuple(routes), sum(envelope.duration(legs) for legs in routes), detours)
+
+
+def _straight(start: Pose, target: Pose) -> list[Leg]:
+    return [Leg(axis, a, b) for axis, a, b in zip(AXES, start, target, strict=True) if a != b]
+
+
+def _say(pose: Pose) -> str:
+    return ", ".join(f"{axis.replace('_', ' ')} {value:g}" for axis, value in zip(AXES, pose, strict=True))
