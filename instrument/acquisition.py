@@ -1,0 +1,189 @@
+"""Taking a reading: light on the sample, the right gain, nine samples, then the same in the dark.
+
+A reading that saturates or overloads is never averaged silently: the gain goes down and the burst is taken anew;
+where no lower gain is left the reading carries a flag, and where the meter gave no number at all there is no reading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.clock import Clock
+from drivers.errors import DeviceFault
+from drivers.interfaces import Amplifier, Detector, Reading, Shutter
+from instrument.control import Controls, ask, ensure
+from instrument.settings import AcquisitionSettings
+
+#: CF quality flags (data contract, section Run file).
+SATURATED, OVERLOAD, SHADOWED, REPEATED = 1, 2, 4, 8
+#: Voltmeters report an overload as 9.9e37.
+_NO_NUMBER = 1e30
+
+
+class Overloaded(DeviceFault):
+    """There is more light than the lowest gain can take."""
+
+
+@dataclass(frozen=True)
+class Burst:
+    """One reading: volts with light, mean volts without, the gain (V/A) of both, and quality flags."""
+
+    samples: tuple[float, ...]
+    dark: float
+    gain: float
+    quality_flag: int
+
+    @property
+    def current(self) -> float:
+        """Photocurrent, A."""
+        return (sum(self.samples) / len(self.samples) - self.dark) / self.gain
+
+    @property
+    def relative_standard_error(self) -> float:
+        """Standard error of the mean of the samples over the photocurrent; nan for a single sample."""
+        count = len(self.samples)
+        if count < 2:
+            return math.nan
+        mean = sum(self.samples) / count
+        scatter = math.sqrt(sum((sample - mean) ** 2 for sample in self.samples) / (count - 1) / count)
+        return scatter / abs(self.current * self.gain) if self.current else math.inf
+
+
+class Acquisition:
+    """Reads the detector.
+
+    Parameters
+    ----------
+    detector, amplifier, shutter
+        The devices.
+    clock
+        Laboratory time.
+    controls
+        Consulted while waiting.
+    note
+        Records what a person should find later.
+    settings
+        Times and thresholds.
+    """
+
+    def __init__(
+        self,
+        detector: Detector,
+        amplifier: Amplifier,
+        shutter: Shutter,
+        clock: Clock,
+        controls: Controls,
+        note: Callable[[str], None],
+        settings: AcquisitionSettings,
+    ) -> None:
+        self._detector, self._amplifier, self._shutter = detector, amplifier, shutter
+        self._clock, self._controls, self._note, self._settings = clock, controls, note, settings
+        self._last_duration = 0.0
+        self._repeats = 0
+
+    @property
+    def last_duration(self) -> float:
+        """Laboratory seconds that the last reading took; 0 before the first."""
+        return self._last_duration
+
+    def shut(self) -> None:
+        """Close the shutter and make sure that it is closed."""
+        ensure(self._shutter.shut, lambda: not ask(self._shutter.is_open), "shutter")
+
+    def measure(self, samples: int) -> Burst:
+        """Take one reading; the shutter is closed before and after, however it ends.
+
+        Raises
+        ------
+        Overloaded
+            If no gain gives a number.
+        CommunicationError
+            If a device does not answer.
+        """
+        began = self._clock.monotonic()
+        self._repeats = 0
+        try:
+            ensure(self._shutter.open, lambda: ask(self._shutter.is_open), "shutter")
+            self._controls.sleep(self._settings.settling)
+            reading, gain = self._in_range(samples)
+        finally:
+            self.shut()
+        self._controls.sleep(self._settings.settling)
+        dark = self._read(self._settings.dark_samples)
+        if dark.overload or not _numbers(dark):
+            raise DeviceFault("detector", "overload with the shutter closed", "look for stray light or a broken cable")
+        self._last_duration = self._clock.monotonic() - began
+        return Burst(reading.samples, sum(dark.samples) / len(dark.samples), gain, self._flags(reading))
+
+    def _in_range(self, samples: int) -> tuple[Reading, float]:
+        """A burst at the gain that suits the light."""
+        gains = sorted(self._amplifier.gains)
+        gain = ask(self._amplifier.gain)
+        ceiling_gain = math.inf  # the lowest gain that proved too high
+        for _ in range(2 * len(gains) + 1):
+            reading = self._read(samples)
+            if self._too_high(reading):
+                ceiling_gain = min(ceiling_gain, gain)
+                better = max((g for g in gains if g < gain), default=gain)
+            else:
+                better = self._higher(gains, gain, ceiling_gain, reading)
+            if better == gain:
+                break
+            self._note_gain(gain, better, reading)
+            gain = better
+            self._set_gain(gain)
+        if not _numbers(reading):
+            raise Overloaded(
+                "detector", f"overload at the lowest gain ({gain:g} V/A)", "reduce the power of the source"
+            )
+        return reading, gain
+
+    def _higher(self, gains: list[float], gain: float, ceiling_gain: float, reading: Reading) -> float:
+        """The highest gain that keeps the reading below target, where the present one wastes range."""
+        level = max(abs(sample) for sample in reading.samples)
+        if level >= self._settings.floor * self._detector.full_scale:
+            return gain
+        limit = self._settings.target * self._detector.full_scale
+        fitting = [g for g in gains if gain < g < ceiling_gain and level * g / gain <= limit]
+        return max(fitting, default=gain)
+
+    def _set_gain(self, gain: float) -> None:
+        ensure(
+            lambda: self._amplifier.set_gain(gain),
+            lambda: math.isclose(ask(self._amplifier.gain), gain, rel_tol=1e-9),
+            "amplifier",
+        )
+        self._controls.sleep(self._amplifier.settling_time)
+
+    def _too_high(self, reading: Reading) -> bool:
+        level = max(abs(sample) for sample in reading.samples)
+        return reading.overload or level > self._settings.ceiling * self._detector.full_scale
+
+    def _read(self, samples: int) -> Reading:
+        """A burst; asked for again after a lost reply, since reading changes nothing."""
+        self._controls.checkpoint()
+
+        def burst() -> Reading:
+            self._repeats += 1
+            reading = self._detector.read(samples)
+            overload = reading.overload or ask(self._amplifier.overload)
+            return Reading(reading.samples, overload)
+
+        self._repeats -= 1
+        return ask(burst, self._settings.read_attempts)
+
+    def _flags(self, reading: Reading) -> int:
+        level = max(abs(sample) for sample in reading.samples)
+        saturated = SATURATED if level >= self._detector.full_scale else 0
+        return saturated | (OVERLOAD if reading.overload else 0) | (REPEATED if self._repeats > 0 else 0)
+
+    def _note_gain(self, old: float, new: float, reading: Reading) -> None:
+        level = max(abs(sample) for sample in reading.samples)
+        seen = "overload" if reading.overload or level > _NO_NUMBER else f"{level:.4g} V"
+        self._note(f"gain {old:g} -> {new:g} V/A ({seen})")
+
+
+def _numbers(reading: Reading) -> bool:
+    return all(math.isfinite(sample) and abs(sample) < _NO_NUMBER for sample in reading.samples)

@@ -1,0 +1,122 @@
+"""The light: source, its watchdog, and the wavelength."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from drivers.clock import Clock
+from drivers.errors import DeviceError
+from drivers.interfaces import LightSource, WavelengthSelector
+from instrument.control import Controls, ask, ensure
+from instrument.settings import ScanSettings
+
+
+class LightLost(DeviceError):
+    """The source does not emit though it should: an interlock is open, its watchdog has tripped ..."""
+
+
+class Light:
+    """Switches the source, and feeds its watchdog for as long as the engine shows signs of life.
+
+    The watchdog of the source is the last line: when this program dies or hangs, emission ends by itself.
+
+    Parameters
+    ----------
+    controls
+        Its heartbeat decides whether the watchdog is fed.
+    """
+
+    def __init__(
+        self,
+        source: LightSource,
+        selector: WavelengthSelector,
+        clock: Clock,
+        controls: Controls,
+        settings: ScanSettings,
+    ) -> None:
+        self._source, self._selector, self._clock = source, selector, clock
+        self._controls, self._settings = controls, settings
+        self._stop = threading.Event()
+        self._feeder: threading.Thread | None = None
+        self._wavelength: float | None = None
+
+    def on(self) -> None:
+        """Emit, at the power of the settings, and keep the watchdog fed.
+
+        Raises
+        ------
+        LightLost
+            If the source reports a fault or does not emit.
+        """
+        self._require_no_fault()
+        ensure(self._set_power, lambda: abs(ask(self._source.power) - self._settings.source_power) < 0.002, "source")
+        ensure(lambda: self._source.set_emission(True), lambda: ask(self._source.emission), "source")
+        self._start_feeding()
+        self.check()
+
+    def off(self) -> None:
+        """End the emission. May be repeated."""
+        self._stop_feeding()
+        ensure(lambda: self._source.set_emission(False), lambda: not ask(self._source.emission), "source")
+
+    def check(self) -> None:
+        """Make sure that there is light.
+
+        Raises
+        ------
+        LightLost
+        """
+        self._require_no_fault()
+        if not ask(self._source.emission):
+            raise LightLost("source", "emission is off though it was switched on", "look at interlock and key switch")
+
+    def select(self, wavelength: float) -> None:
+        """Select a wavelength, nm."""
+        if wavelength != self._wavelength:
+            self._wavelength = None
+            ensure(
+                lambda: self._selector.set_wavelength(wavelength),
+                lambda: abs(ask(self._selector.wavelength) - wavelength) < 0.1,
+                "selector",
+            )
+            self._wavelength = wavelength
+
+    def readback(self) -> tuple[float, float]:
+        """Set power (fraction of full power) and wavelength (nm) as the devices report them."""
+        return ask(self._source.power), ask(self._selector.wavelength)
+
+    def _set_power(self) -> None:
+        self._source.set_power(self._settings.source_power)
+
+    def _require_no_fault(self) -> None:
+        if fault := ask(self._source.fault):
+            raise LightLost("source", fault, "deal with the cause, then resume")
+
+    def _start_feeding(self) -> None:
+        if self._feeder is None:
+            self._stop.clear()
+            self._feeder = threading.Thread(target=self._feed, name="source watchdog", daemon=True)
+            self._feeder.start()
+
+    def _stop_feeding(self) -> None:
+        self._stop.set()
+        if self._feeder is not None:
+            self._feeder.join(timeout=30.0)
+            self._feeder = None
+
+    def _feed(self) -> None:
+        settings = self._settings
+        period = max(settings.keep_alive / self._clock.speed, settings.keep_alive_wall)
+        patience = max(settings.heartbeat / self._clock.speed, settings.heartbeat_wall)
+        due = time.monotonic()
+        while not self._stop.wait(max(due - time.monotonic(), 0.0)):
+            if self._controls.silence_wall() < patience:
+                try:
+                    self._source.keep_alive()
+                except DeviceError:
+                    # A missed feed is made good by the next one; if none gets through, the source goes dark
+                    # and check() finds out before the next reading is taken.
+                    due = time.monotonic() + settings.keep_alive_wall
+                    continue
+            due = time.monotonic() + period
