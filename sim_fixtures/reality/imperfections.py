@@ -1,0 +1,126 @@
+"""What is wrong with the simulated instrument. Nothing, unless asked for.
+
+A further imperfection is a field here and one line where it acts: on the pose or the bundles
+(:mod:`sim_fixtures.reality.reality`, ``_beam``, ``_sensor``, ``_pose``), on the scene (``_scene``) or on the reading
+(``_response``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from instrument.facility import Budgeted, Facility
+
+StabilityKind = Literal["none", "slice", "angle", "global", "independent"]
+_GRAZING = 80.0  # largest sensor zenith of the budget, degree
+_STEEPEST = 60.0  # largest illumination zenith of the budget, degree
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """Differences between the true configuration and the nominal one: degree, mm, fractions.
+
+    Attributes
+    ----------
+    sample_tilt_x_deg, sample_tilt_y_deg, sample_azimuth_deg, sample_height_mm, sample_offset_x_mm, sample_offset_y_mm
+        Pose of the sample; tilts are right-handed about the laboratory's axes.
+    illumination_zenith_offset_deg, sensor_zenith_offset_deg, sensor_azimuth_offset_deg
+        True angle of an arm minus the angle it shows.
+    beam_offset_x_mm, beam_offset_y_mm
+        Where the axis of the beam crosses z = 0.
+    beam_divergence_deg
+        Added to the facility's divergence.
+    reference_reflectance
+        True reflectance factor of the reference over the stated one.
+    dimension_errors
+        Every dimension of the artifact is off by this many times a normal draw of its stated standard uncertainty.
+    polarization
+        Relative amplitude of a response varying as cos(2 sensor azimuth) sin^2(sensor zenith).
+    stability, stability_kind
+        Relative standard deviation of the readings' stability, and how it is correlated: one value a slice
+        (illumination zenith and sensor azimuth), smooth in angle, one for all, or a new one each geometry.
+    """
+
+    sample_tilt_x_deg: float = 0.0
+    sample_tilt_y_deg: float = 0.0
+    sample_azimuth_deg: float = 0.0
+    sample_height_mm: float = 0.0
+    sample_offset_x_mm: float = 0.0
+    sample_offset_y_mm: float = 0.0
+    illumination_zenith_offset_deg: float = 0.0
+    sensor_zenith_offset_deg: float = 0.0
+    sensor_azimuth_offset_deg: float = 0.0
+    beam_offset_x_mm: float = 0.0
+    beam_offset_y_mm: float = 0.0
+    beam_divergence_deg: float = 0.0
+    reference_reflectance: float = 1.0
+    dimension_errors: float = 0.0
+    polarization: float = 0.0
+    stability: float = 0.0
+    stability_kind: StabilityKind = "none"
+
+    @classmethod
+    def within_budget(cls, facility: Facility, seed: int, mounting: int = 0) -> Imperfections:
+        """What the budget of a facility allows: normal draws, cut at two standard uncertainties.
+
+        The uncertainties of the angles in the facility are those of the readings; an arm whose zero were off by all of
+        0.25 degree would change the BRF at grazing by five times its row of the budget (the reading is scaled
+        with the cosine of the *shown* angle). So zero errors and tilt are no larger than what their rows allow
+        at the steepest angle.
+
+        Parameters
+        ----------
+        facility
+            Its uncertainties and its budget.
+        seed
+            Of the instrument: errors of the arms, the beam and the reference.
+        mounting
+            Of this placement of a sample: its pose and the stability of the run.
+        """
+        instrument, placement = _Normal((seed, 1)), _Normal((seed, 2, mounting))
+        arms, sample, budget = facility.arms, facility.sample, facility.budget
+        sensor_zenith = min(arms.u_sensor_zenith, _angle_of(_worst(budget.sensor_zenith), _GRAZING))
+        illumination_zenith = min(arms.u_illumination_zenith, _angle_of(_worst(budget.illumination_zenith), _STEEPEST))
+        tilt = min(sample.u_tilt, _angle_of(_worst(budget.beam_and_placement), _GRAZING))
+        kinds = [kind for kind in get_args(StabilityKind) if kind != "none"]
+        return cls(
+            sample_tilt_x_deg=placement(tilt),
+            sample_tilt_y_deg=placement(tilt),
+            sample_azimuth_deg=placement(sample.u_azimuth),
+            sample_height_mm=placement(sample.u_height),
+            sample_offset_x_mm=placement(sample.u_offset),
+            sample_offset_y_mm=placement(sample.u_offset),
+            illumination_zenith_offset_deg=instrument(illumination_zenith),
+            sensor_zenith_offset_deg=instrument(sensor_zenith),
+            sensor_azimuth_offset_deg=instrument(arms.u_sensor_azimuth),
+            beam_divergence_deg=abs(instrument(facility.beam.u_divergence)),
+            reference_reflectance=1.0 + instrument(facility.reference.u_relative),
+            dimension_errors=1.0,
+            polarization=instrument(_worst(budget.polarization)),
+            stability=_worst(budget.instrument_stability),
+            stability_kind=kinds[placement.generator.integers(len(kinds))],
+        )
+
+
+class _Normal:
+    """Normal draws of zero mean, cut at two standard deviations."""
+
+    def __init__(self, seed: tuple[int, ...]) -> None:
+        self.generator = np.random.default_rng(seed)
+
+    def __call__(self, standard_deviation: float) -> float:
+        while abs(draw := self.generator.standard_normal()) > 2.0:
+            pass
+        return float(draw) * standard_deviation
+
+
+def _worst(row: Budgeted) -> float:
+    return max(row) if isinstance(row, tuple) else row
+
+
+def _angle_of(relative: float, zenith: float) -> float:
+    """Error of a zenith angle (degree) that changes its cosine by a relative amount."""
+    return float(np.rad2deg(relative / np.tan(np.deg2rad(zenith))))
