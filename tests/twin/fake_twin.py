@@ -1,0 +1,70 @@
+"""A twin without ray tracing for the tests of process plumbing: its answers are known and it misbehaves on demand.
+
+The material file holds its orders as JSON: ``delay_s`` a request, ``die_at`` a sensor zenith at which the process
+aborts, ``die_times`` how often it does, ``print`` noise on standard output, ``broken`` an input error,
+``raise_at`` a sensor zenith at which it raises, ``hang_at`` one at which it never answers.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from instrument.errors import InputError
+
+
+def expected_brf(geometry) -> float:
+    return 0.4 + 0.001 * geometry.sensor_zenith + 1e-5 * geometry.sensor_azimuth
+
+
+class FakeTwin:
+    @classmethod
+    def from_files(cls, facility: Path, artifact: Path, material: Path) -> FakeTwin:
+        return cls(json.loads(material.read_text()), material)
+
+    def __init__(self, orders: dict, material: Path) -> None:
+        self.orders = orders
+        self.deaths = material.with_suffix(".deaths")
+        self.log = material.with_suffix(".log")
+        if "broken" in orders:
+            raise InputError(orders["broken"])
+        if orders.get("slow_start_s"):
+            time.sleep(orders["slow_start_s"])
+
+    def predict(self, geometries, *, standard_error=0.001, samples=None, seed=None) -> FakeDataset:
+        zeniths = [geometry.sensor_zenith for geometry in geometries]
+        with self.log.open("a") as log:
+            log.write(json.dumps({"zeniths": zeniths, "standard_error": standard_error, "seed": seed}) + "\n")
+        if self.orders.get("print"):
+            os.write(1, b"printed by a native library\n")
+            print("printed by Python", flush=True)
+        if self.orders.get("die_at") in zeniths:
+            died = len(self.deaths.read_text()) if self.deaths.exists() else 0
+            if died < self.orders.get("die_times", 1_000_000):
+                self.deaths.write_text("x" * (died + 1))
+                os.write(2, b"LLVM ERROR: out of luck\n")
+                os.abort()
+        if self.orders.get("raise_at") in zeniths:
+            raise ZeroDivisionError("no samples")
+        if self.orders.get("hang_at") in zeniths:
+            time.sleep(1000)
+        time.sleep(self.orders.get("delay_s", 0.0))
+        values = np.array([expected_brf(geometry) for geometry in geometries])
+        u = standard_error * values
+        attributes = {"seed": np.int64(seed or 0), "nice": os.nice(0) if hasattr(os, "nice") else 0, "pid": os.getpid()}
+        return FakeDataset({"brf": values, "u_brf": u, "u_brf_monte_carlo": u}, attributes)
+
+
+class FakeDataset:
+    """As much of an xarray.Dataset as the process looks at; importing the real one would double every start."""
+
+    def __init__(self, columns: dict[str, np.ndarray], attrs: dict) -> None:
+        self.columns, self.attrs = columns, attrs
+
+    def __getitem__(self, name: str) -> SimpleNamespace:
+        return SimpleNamespace(values=self.columns[name])

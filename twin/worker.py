@@ -1,0 +1,356 @@
+"""Ray tracing in a process of its own, so that nothing that happens there can stop a scan.
+
+A Dr.Jit kernel can abort the process it runs in, hang, or take every core. :class:`PredictionWorker` starts the process
+when the first prediction is asked for, gives it a low priority, and starts it again after a crash, but not
+more often than :class:`RestartLimit` allows. It never repeats a request by itself: the caller decides that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from instrument.errors import InputError
+from instrument.events import Geometry
+
+Json = dict[str, Any]
+
+#: What the process calls with (facility, artifact, material) to get an object with ``predict``.
+TWIN_FACTORY = "twin.prediction:Twin.from_files"
+
+
+class WorkerError(RuntimeError):
+    """A prediction could not be computed; the next request may well succeed."""
+
+
+class WorkerCrashed(WorkerError):
+    """The process ended, or was ended because it did not answer in time."""
+
+
+class WorkerUnavailable(WorkerError):
+    """The process crashed too often lately; ``retry_after_s`` tells when it may be started again."""
+
+    def __init__(self, text: str, retry_after_s: float) -> None:
+        super().__init__(text)
+        self.retry_after_s = retry_after_s
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Values for the requested points, in the order of the request; all without unit."""
+
+    indices: tuple[int, ...]
+    brf: tuple[float, ...]
+    u_brf: tuple[float, ...]
+    u_brf_monte_carlo: tuple[float, ...]
+    attributes: Json
+
+
+@dataclass(frozen=True)
+class RestartLimit:
+    """At most ``starts`` starts of the process within ``window_s`` seconds."""
+
+    starts: int = 5
+    window_s: float = 60.0
+
+
+@dataclass(frozen=True)
+class Timeouts:
+    """Seconds the process may take: to start and read its inputs, and to answer one request."""
+
+    start_s: float = 180.0
+    request_s: float = 300.0
+
+
+@dataclass
+class _Request:
+    indices: tuple[int, ...]
+    message: Json
+    future: Future[Prediction] = field(default_factory=Future)
+
+
+class PredictionWorker:
+    """Predicts points in another process; requests are answered one after the other, in order.
+
+    Parameters
+    ----------
+    facility, artifact, material
+        Files of the twin.
+    seed
+        Every request's random numbers follow from this, its points and its accuracy: whatever crashes in
+        between, the same request has the same answer.
+    threads
+        Compute threads of the process; by default all cores, on machines with more than two all but one.
+    niceness
+        Added to the process's nice level.
+    """
+
+    def __init__(
+        self,
+        facility: Path,
+        artifact: Path,
+        material: Path,
+        *,
+        seed: int = 1,
+        threads: int | None = None,
+        niceness: int = 10,
+        restarts: RestartLimit | None = None,
+        timeouts: Timeouts | None = None,
+        factory: str = TWIN_FACTORY,
+    ) -> None:
+        self._settings = {
+            "facility": str(facility),
+            "artifact": str(artifact),
+            "material": str(material),
+            "threads": threads or default_threads(),
+            "niceness": niceness,
+            "factory": factory,
+        }
+        self._seed = seed
+        self._restarts = restarts or RestartLimit()
+        self._timeouts = timeouts or Timeouts()
+        self._starts: deque[float] = deque()
+        self._numbers = itertools.count(1)
+        self._requests: queue.SimpleQueue[_Request | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._process: _Process | None = None
+        self._closed = False
+        self._thread = threading.Thread(target=self._serve, name="twin worker", daemon=True)
+        self._thread.start()
+
+    @property
+    def pid(self) -> int | None:
+        """Of the running process; None where there is none."""
+        process = self._process
+        return process.pid if process is not None and process.alive else None
+
+    def predict(
+        self, indices: Sequence[int], geometries: Sequence[Geometry], standard_error: float
+    ) -> Future[Prediction]:
+        """Ask for predictions; returns at once.
+
+        Parameters
+        ----------
+        indices
+            Names of the points, returned with the result.
+        geometries
+            As many geometries.
+        standard_error
+            Relative Monte Carlo standard error to reach.
+
+        Returns
+        -------
+        Future
+            Holds a :class:`Prediction`, or raises :class:`WorkerError`, or
+            :class:`~instrument.errors.InputError` if the twin's files are wrong. It can be cancelled until work on it
+            begins.
+        """
+        if len(indices) != len(geometries) or not len(indices):
+            raise ValueError(
+                f"found {len(indices)} indices and {len(geometries)} geometries; expected as many, and some"
+            )
+        message = {
+            "id": next(self._numbers),
+            "geometries": [geometry.model_dump() for geometry in geometries],
+            "standard_error": standard_error,
+            "seed": _seed_of(self._seed, indices, standard_error),
+        }
+        request = _Request(tuple(indices), message)
+        with self._lock:
+            if self._closed:
+                raise RuntimeError("the prediction worker is closed")
+            self._requests.put(request)
+        return request.future
+
+    def close(self) -> None:
+        """End the process; what is under way or waiting fails with :class:`WorkerError`."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            if self._process is not None:
+                self._process.kill()
+        self._requests.put(None)
+        self._thread.join()
+
+    def __enter__(self) -> PredictionWorker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _serve(self) -> None:
+        while (request := self._requests.get()) is not None:
+            if not request.future.set_running_or_notify_cancel():
+                continue
+            try:
+                prediction = self._compute(request)
+            except (WorkerError, InputError) as error:
+                request.future.set_exception(error)
+            except BaseException as error:
+                request.future.set_exception(error)
+                raise
+            else:
+                request.future.set_result(prediction)
+        if self._process is not None:
+            self._process.kill()
+            self._process.bury()
+
+    def _compute(self, request: _Request) -> Prediction:
+        process = self._running_process()
+        reply = process.ask(request.message, self._timeouts.request_s)
+        if "failed" in reply:
+            raise _error_of(reply)
+        return Prediction(
+            indices=request.indices,
+            brf=tuple(reply["brf"]),
+            u_brf=tuple(reply["u_brf"]),
+            u_brf_monte_carlo=tuple(reply["u_brf_monte_carlo"]),
+            attributes=reply["attributes"],
+        )
+
+    def _running_process(self) -> _Process:
+        if self._process is not None and self._process.alive:
+            return self._process
+        if self._process is not None:
+            self._process.bury()
+        self._await_permission()
+        with self._lock:
+            if self._closed:
+                raise WorkerCrashed("the prediction worker is closed")
+            self._process = process = _Process()
+        reply = process.ask({"open": self._settings}, self._timeouts.start_s)
+        if "failed" in reply:
+            process.kill()
+            raise _error_of(reply)
+        return process
+
+    def _await_permission(self) -> None:
+        now = time.monotonic()
+        while self._starts and now - self._starts[0] > self._restarts.window_s:
+            self._starts.popleft()
+        if len(self._starts) >= self._restarts.starts:
+            wait = self._starts[0] + self._restarts.window_s - now
+            text = f"the ray tracing process was started {len(self._starts)} times in {self._restarts.window_s:g} s"
+            raise WorkerUnavailable(text, wait)
+        self._starts.append(now)
+
+
+class _Process:
+    """One life of the process."""
+
+    def __init__(self) -> None:
+        self._popen = subprocess.Popen(
+            [sys.executable, "-P", "-m", "twin.worker_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            # Ctrl-C in the terminal must not reach it. A new session would keep that away too, but Linux gives each
+            # session an equal share of the processor and so would undo the nice level.
+            process_group=0,
+        )
+        self._last_words: deque[str] = deque(maxlen=20)
+        self._listener = threading.Thread(target=self._listen, name="twin worker's errors", daemon=True)
+        self._listener.start()
+
+    @property
+    def pid(self) -> int:
+        return self._popen.pid
+
+    @property
+    def alive(self) -> bool:
+        return self._popen.poll() is None
+
+    def ask(self, message: Json, timeout_s: float) -> Json:
+        """Send a message and wait for its reply; a process that does not answer in time is killed."""
+        assert self._popen.stdin is not None
+        assert self._popen.stdout is not None
+        with self._deadline(timeout_s) as expired:
+            line = b""
+            # A broken pipe is a crash like a missing reply: both are told below, with the process's last words.
+            with contextlib.suppress(BrokenPipeError):
+                self._popen.stdin.write(json.dumps(message).encode() + b"\n")
+                self._popen.stdin.flush()
+                line = self._popen.stdout.readline()
+        if expired.is_set():
+            raise WorkerCrashed(f"the ray tracing process did not answer within {timeout_s:g} s and was ended")
+        if not line.endswith(b"\n"):
+            raise WorkerCrashed(self._obituary())
+        reply: Json = json.loads(line)
+        if reply.get("id") != message.get("id"):
+            self.kill()
+            raise WorkerCrashed(f"the ray tracing process answered request {reply.get('id')}, not {message.get('id')}")
+        return reply
+
+    def kill(self) -> None:
+        self._popen.kill()
+
+    def bury(self) -> None:
+        """Wait for the end of a killed or crashed process and close its pipes."""
+        self._popen.wait()
+        self._listener.join()
+        for pipe in (self._popen.stdin, self._popen.stdout, self._popen.stderr):
+            if pipe is not None:
+                # What was not yet written when the process ended can no longer be delivered.
+                with contextlib.suppress(BrokenPipeError):
+                    pipe.close()
+
+    def _obituary(self) -> str:
+        self._popen.kill()
+        status = self._popen.wait()
+        self._listener.join(timeout=5.0)
+        how = f"by signal {-status}" if status < 0 else f"with status {status}"
+        words = next((line for line in reversed(self._last_words) if line.strip()), "")
+        return f"the ray tracing process ended {how}" + (f": {words.strip()}" if words else "")
+
+    def _listen(self) -> None:
+        assert self._popen.stderr is not None
+        for line in self._popen.stderr:
+            self._last_words.append(line.decode(errors="replace"))
+
+    @contextlib.contextmanager
+    def _deadline(self, seconds: float) -> Iterator[threading.Event]:
+        expired = threading.Event()
+
+        def end() -> None:
+            expired.set()
+            self._popen.kill()
+
+        timer = threading.Timer(seconds, end)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield expired
+        finally:
+            timer.cancel()
+
+
+def default_threads() -> int:
+    """All cores of this process; where there are more than two, one is left to the scan."""
+    from twin.llvm import usable_cores
+
+    cores = usable_cores()
+    return cores - 1 if cores > 2 else cores
+
+
+def _seed_of(seed: int, indices: Sequence[int], standard_error: float) -> int:
+    entropy = [seed, round(standard_error * 1e9), *indices]
+    return int(np.random.SeedSequence(entropy).generate_state(1)[0])
+
+
+def _error_of(reply: Json) -> Exception:
+    return InputError(reply["failed"]) if reply["bad_input"] else WorkerError(reply["failed"])
