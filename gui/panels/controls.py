@@ -1,0 +1,67 @@
+"""Start, pause, resume, abort, halt. The keys are written on the buttons."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QGridLayout, QPushButton, QSizePolicy, QWidget
+
+from gui import marks
+from gui.looks import actions
+from gui.model import Changes, ScanModel
+from gui.panels.base import Panel
+from gui.theme import Theme
+
+#: command: (label, key, sign, what it does)
+BUTTONS = {
+    "start": ("Start", "F5", "play", "Connect the devices and run the plan"),
+    "pause": ("Pause", "F6", "pause", "Rest after the point in hand, shutter closed"),
+    "resume": ("Resume", "F7", "play", "Go on with the scan"),
+    "abort": ("Abort", "F8", "square", "End the scan in an orderly way; measured points are kept"),
+    "halt": ("HALT", "F12", "cross", "Emergency: stop the arms and block the light now, without a question"),
+}
+
+
+class ControlsPanel(Panel):
+    """The buttons; which of them work is what the engine's own table allows in the state."""
+
+    area = "header"
+    order = 1
+
+    def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(model, theme, parent)
+        grid = QGridLayout()
+        grid.setSpacing(8)
+        self.buttons: dict[str, QPushButton] = {}
+        self.shortcuts: dict[str, QShortcut] = {}
+        for column, (command, (label, key, _, tip)) in enumerate(BUTTONS.items()):
+            button = QPushButton(f"{label}  {key}")
+            button.setObjectName(command)
+            button.setToolTip(f"{tip} ({key})")
+            button.setAccessibleName(f"{label}: {tip}")
+            button.setIconSize(QSize(18, 18))
+            button.setMinimumHeight(44)
+            button.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
+            button.clicked.connect(lambda _=False, command=command: self.asked.emit(command))
+            shortcut = QShortcut(QKeySequence(key), self)
+            shortcut.activated.connect(button.click)
+            self.buttons[command], self.shortcuts[command] = button, shortcut
+            grid.addWidget(button, 0, column)
+        self.buttons["halt"].setMinimumWidth(120)
+        self.body.addLayout(grid)
+        self.refresh(Changes(scan=True))
+
+    def refresh(self, changes: Changes) -> None:
+        """Enable what may be asked for now."""
+        if not (changes.state or changes.scan):
+            return
+        allowed = actions(self.model.state, self.model.connected)
+        for command, button in self.buttons.items():
+            enabled = getattr(allowed, command)
+            button.setEnabled(enabled)
+            filled = command in ("start", "halt") and enabled
+            colour = self.theme.on_accent if filled else self.theme.text if enabled else self.theme.quiet_text
+            button.setIcon(marks.icon(BUTTONS[command][2], colour, 18))
+
+
+PANEL = ControlsPanel

@@ -1,0 +1,72 @@
+"""What the lines, bands and symbols of the plots mean."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
+
+from gui import marks
+from gui.panels.base import quiet
+from gui.scores import CATEGORIES
+from gui.theme import Theme
+
+
+class _Sample(QWidget):
+    """A short piece of a curve as it is drawn in the plot."""
+
+    def __init__(self, theme: Theme, what: str) -> None:
+        super().__init__()
+        self._theme, self._what = theme, what
+        self.setFixedSize(QSize(34, 22))
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        theme = self._theme
+        if self._what == "simulated":
+            for alpha, half in ((45, 8), (85, 4)):
+                colour = QColor(theme.simulated)
+                colour.setAlpha(alpha)
+                painter.fillRect(QRectF(2, 11 - half, 30, 2 * half), colour)
+            painter.setPen(QPen(QColor(theme.simulated), 2))
+            painter.drawLine(QPointF(2, 11), QPointF(32, 11))
+        elif self._what == "measured":
+            painter.setPen(QPen(QColor(theme.measured), 1))
+            painter.drawLine(QPointF(17, 1), QPointF(17, 21))
+            painter.drawLine(QPointF(13, 1), QPointF(21, 1))
+            painter.drawLine(QPointF(13, 21), QPointF(21, 21))
+            painter.setPen(QPen(QColor(theme.measured), 3.5))
+            painter.drawLine(QPointF(17, 6), QPointF(17, 16))
+            painter.setPen(QPen(QColor(theme.measured), 1.6))
+            painter.setBrush(QColor(theme.surface))
+            painter.drawEllipse(QPointF(17, 11), 3.2, 3.2)
+        else:
+            painter.setPen(QPen(QColor(theme.accent), 1.5, Qt.PenStyle.DashDotLine))
+            painter.drawLine(QPointF(17, 0), QPointF(17, 22))
+
+
+def legend(theme: Theme) -> QWidget:
+    """A row that explains the plots."""
+    widget = QWidget()
+    row = QHBoxLayout(widget)
+    row.setContentsMargins(0, 0, 0, 0)
+    row.setSpacing(6)
+    entries = {
+        "measured": "measured, bars k = 1 and k = 2",
+        "simulated": "simulated, bands k = 1 and k = 2",
+        "here": "arms now",
+    }
+    for what, text in entries.items():
+        row.addWidget(_Sample(theme, what))
+        row.addWidget(quiet(text))
+        row.addSpacing(10)
+    for category in CATEGORIES:
+        sign = QLabel()
+        sign.setPixmap(marks.pixmap(marks.CATEGORY_SIGN[category], getattr(theme, category), 14))
+        row.addWidget(sign)
+        row.addWidget(quiet(category))
+        row.addSpacing(6)
+    row.addStretch(1)
+    return widget

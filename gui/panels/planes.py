@@ -1,0 +1,169 @@
+"""The azimuth planes of the plan: how far each is and how its points agree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from PySide6.QtCore import QAbstractTableModel, QItemSelectionModel, QModelIndex, QPersistentModelIndex, Qt
+from PySide6.QtGui import QFont
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidget
+
+from gui import marks, words
+from gui.model import Changes, PlaneKey, ScanModel
+from gui.panels.base import Panel
+from gui.scores import CATEGORIES
+from gui.theme import Theme
+
+_Index = QModelIndex | QPersistentModelIndex
+_ANGLES = ("Illumination\nzenith", "Sensor\nazimuth")
+
+
+class PlaneTable(QAbstractTableModel):
+    """One row a plane, in the order in which they are measured."""
+
+    def __init__(self, model: ScanModel, theme: Theme) -> None:
+        super().__init__()
+        self.model = model
+        self._planes: list[PlaneKey] = []
+        self._columns: list[str] = []
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw signs in a theme's colours."""
+        self._signs = {c: marks.icon(marks.CATEGORY_SIGN[c], getattr(theme, c)) for c in CATEGORIES}
+        self._here = marks.icon("play", theme.accent)
+
+    def reload(self) -> None:
+        """Take over another plan."""
+        self.beginResetModel()
+        self._planes = list(self.model.planes)
+        wavelengths = len({plane.wavelength for plane in self._planes}) > 1
+        self._columns = [*(["Wave-\nlength"] if wavelengths else []), *_ANGLES, "Points", *CATEGORIES]
+        self.endResetModel()
+
+    def update(self, planes: set[PlaneKey]) -> None:
+        """Some planes have new values."""
+        for row, plane in enumerate(self._planes):
+            if plane in planes:
+                self.dataChanged.emit(self.index(row, 0), self.index(row, len(self._columns) - 1))
+
+    def plane(self, row: int) -> PlaneKey:
+        """The plane of a row."""
+        return self._planes[row]
+
+    def row(self, plane: PlaneKey) -> int:
+        """The row of a plane; -1 where the plan has none."""
+        return self._planes.index(plane) if plane in self._planes else -1
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
+        """Number of planes."""
+        return 0 if parent.isValid() else len(self._planes)
+
+    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
+        """Number of columns."""
+        return len(self._columns)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        """Names of the columns; the categories by their signs."""
+        if orientation is not Qt.Orientation.Horizontal or section >= len(self._columns):
+            return None
+        name = self._columns[section]
+        if name in CATEGORIES:
+            if role == Qt.ItemDataRole.DecorationRole:
+                return self._signs[name]
+            return f"points in {name} agreement" if role == Qt.ItemDataRole.ToolTipRole else None
+        return name if role == Qt.ItemDataRole.DisplayRole else None
+
+    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        """Content of a cell."""
+        plane, name = self._planes[index.row()], self._columns[index.column()]
+        here = plane == self.model.current_plane
+        if role == Qt.ItemDataRole.DisplayRole:
+            return self._text(plane, name)
+        if role == Qt.ItemDataRole.DecorationRole and index.column() == 0 and here:
+            return self._here
+        if role == Qt.ItemDataRole.ToolTipRole:
+            missing = self.model.plane_missing[plane]
+            return words.plane_title(plane) + (f"; {missing} points missing" if missing else "")
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        if role == Qt.ItemDataRole.FontRole and here:
+            font = QFont()
+            font.setBold(True)
+            return font
+        return None
+
+    def _text(self, plane: PlaneKey, name: str) -> str:
+        if name in CATEGORIES:
+            return str(self.model.plane_tally[plane][name] or "")
+        if name == "Points":
+            missing = self.model.plane_missing[plane]
+            count = f"{self.model.plane_settled[plane] - missing}/{len(self.model.planes[plane])}"
+            return f"{count} ({missing} missing)" if missing else count
+        if name == _ANGLES[0]:
+            return words.angle(plane.illumination_zenith)
+        if name == _ANGLES[1]:
+            return words.angle(plane.sensor_azimuth)
+        return f"{plane.wavelength:g} nm"
+
+
+class PlanesPanel(Panel):
+    """Table of planes; choosing a row shows that plane."""
+
+    area = "left"
+    order = 3
+    title = "Azimuth planes"
+    stretch = 1
+
+    def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(model, theme, parent)
+        self.table = PlaneTable(model, theme)
+        self.view = QTableView()
+        self.view.setModel(self.table)
+        self.view.setAccessibleName("Azimuth planes of the plan")
+        self.view.setShowGrid(False)
+        self.view.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.view.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.view.setTabKeyNavigation(False)
+        self.view.verticalHeader().hide()
+        self.view.verticalHeader().setDefaultSectionSize(24)
+        header = self.view.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setStretchLastSection(True)
+        header.setHighlightSections(False)
+        self.body.addWidget(self.view)
+        self._showing = False
+        self.view.selectionModel().currentRowChanged.connect(self._chosen)
+        self.table.reload()
+
+    def refresh(self, changes: Changes) -> None:
+        """Show new counts."""
+        if changes.scan:
+            self._showing = True
+            self.table.reload()
+            self._showing = False
+        elif changes.planes:
+            self.table.update(changes.planes)
+
+    def show_plane(self, plane: PlaneKey | None) -> None:
+        """Mark the plane that is shown."""
+        row = self.table.row(plane) if plane is not None else -1
+        if row == self.view.currentIndex().row():
+            return
+        self._showing = True
+        flags = QItemSelectionModel.SelectionFlag.ClearAndSelect | QItemSelectionModel.SelectionFlag.Rows
+        self.view.selectionModel().setCurrentIndex(self.table.index(row, 0), flags)
+        self._showing = False
+
+    def set_theme(self, theme: Theme) -> None:
+        """Use other colours."""
+        self.table.set_theme(theme)
+        self.theme = theme
+        self.table.update(set(self.model.planes))
+
+    def _chosen(self, index: QModelIndex) -> None:
+        if index.isValid() and not self._showing:
+            self.plane_chosen.emit(self.table.plane(index.row()))
+
+
+PANEL = PlanesPanel

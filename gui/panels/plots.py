@@ -1,0 +1,270 @@
+"""Measured and simulated BRF over sensor zenith in one azimuth plane, and t' below it (the paper's Figs. 13 and 14)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QFont
+from PySide6.QtWidgets import QApplication, QCheckBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from gui import marks, words
+from gui.comparison import T_BANDS
+from gui.curves import Band
+from gui.model import Changes, PlaneKey, Point, ScanModel
+from gui.panels.base import Panel, quiet
+from gui.panels.legend import legend
+from gui.theme import Theme
+
+_T_SPAN = T_BANDS[1] * 1.75  # of the t' axis, where no point needs more
+
+
+class PlotsPanel(Panel):
+    """The live plot of one plane.
+
+    Signals
+    -------
+    follow_changed
+        Whether the plot follows the arms from plane to plane.
+    """
+
+    area = "centre"
+    order = 0
+    stretch = 1
+    follow_changed = Signal(bool)
+
+    def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(model, theme, parent)
+        self.plane: PlaneKey | None = None
+        self._build_head()
+        self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics.setAccessibleName("Plot of measured and simulated reflectance factor, and of t prime")
+        self.body.addWidget(self.graphics, 1)
+        self.readout = quiet()
+        self.readout.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.body.addWidget(self.readout)
+        self._build_plots()
+        self._style()
+        self._draw()
+
+    def _build_head(self) -> None:
+        row = QHBoxLayout()
+        self.heading = QLabel()
+        font = self.heading.font()
+        font.setPointSizeF(font.pointSizeF() * 1.2)
+        font.setBold(True)
+        self.heading.setFont(font)
+        self.follow = QCheckBox("&Follow the scan")
+        self.follow.setChecked(True)
+        self.follow.setToolTip("Show the plane the arms are in (Ctrl+F)")
+        self.follow.setShortcut("Ctrl+F")
+        self.follow.toggled.connect(self.follow_changed)
+        fit = QPushButton("Fit view  Home")
+        fit.setShortcut("Home")
+        fit.setToolTip("Undo zoom and shift (Home)")
+        fit.clicked.connect(self.fit)
+        row.addWidget(self.heading, 1)
+        row.addWidget(self.follow)
+        row.addWidget(fit)
+        self.body.addLayout(row)
+        self.legend_row = QVBoxLayout()
+        self.body.addLayout(self.legend_row)
+
+    def _build_plots(self) -> None:
+        self.brf_plot: Any = self.graphics.addPlot(row=0, col=0)
+        self.t_plot: Any = self.graphics.addPlot(row=1, col=0)
+        layout = self.graphics.ci.layout
+        layout.setRowStretchFactor(0, 3)
+        layout.setRowStretchFactor(1, 2)
+        layout.setVerticalSpacing(6)
+        self.t_plot.setXLink(self.brf_plot)
+        self.zero = pg.InfiniteLine(0, angle=0)
+        self.t_plot.addItem(self.zero)
+        self.t_bands = [
+            pg.LinearRegionItem((-limit, limit), orientation="horizontal", movable=False) for limit in reversed(T_BANDS)
+        ]
+        for depth, band in enumerate(self.t_bands):
+            band.setZValue(-20 + depth)
+            self.t_plot.addItem(band)
+        self.sim_bands = [Band("#000000", 60), Band("#000000", 60)]  # k = 2, k = 1
+        self.sim_line = pg.PlotDataItem()
+        self.u2, self.u1 = pg.ErrorBarItem(), pg.ErrorBarItem()
+        self.measured = pg.ScatterPlotItem()
+        for item in (*self.sim_bands, self.sim_line, self.u2, self.u1, self.measured):
+            self.brf_plot.addItem(item)
+        self.t_line = pg.PlotDataItem()
+        self.t_points = pg.ScatterPlotItem()
+        self.t_plot.addItem(self.t_line)
+        self.t_plot.addItem(self.t_points)
+        self.here = [pg.InfiniteLine(angle=90), pg.InfiniteLine(angle=90)]
+        self.missing = pg.ScatterPlotItem()
+        for plot, line in zip((self.brf_plot, self.t_plot), self.here, strict=True):
+            line.setVisible(False)
+            plot.addItem(line, ignoreBounds=True)
+            plot.showGrid(x=True, y=True, alpha=0.15)
+            plot.setMenuEnabled(False)
+            plot.hideButtons()
+            plot.getAxis("left").setWidth(64)
+            plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
+        self.t_plot.addItem(self.missing, ignoreBounds=True)
+        self._by_hand = False
+        self.graphics.scene().sigMouseMoved.connect(self._point_at)
+
+    def _style(self) -> None:
+        theme = self.theme
+        self.graphics.setBackground(theme.surface)
+        font = QFont(QApplication.font())
+        for plot in (self.brf_plot, self.t_plot):
+            for side in ("left", "bottom"):
+                axis = plot.getAxis(side)
+                axis.setPen(pg.mkPen(theme.line))
+                axis.setTextPen(theme.quiet_text)
+                axis.setStyle(tickFont=font, autoExpandTextSpace=False)
+        label = {"color": theme.text, "font-size": f"{font.pointSizeF():g}pt"}
+        self.brf_plot.setLabel("left", "BRF", **label)
+        self.t_plot.setLabel("left", "t′ = (simulated − measured)/u", **label)
+        self.t_plot.setLabel("bottom", "sensor zenith (°)", **label)
+        self.brf_plot.getAxis("left").enableAutoSIPrefix(False)
+        for band, colour in zip(self.t_bands, (theme.band_outer, theme.band_inner), strict=True):
+            band.setBrush(pg.mkBrush(colour))
+            for line in band.lines:
+                line.setPen(pg.mkPen(theme.quiet_text, width=1, style=Qt.PenStyle.DashLine))
+        self.zero.setPen(pg.mkPen(theme.quiet_text, width=1))
+        for sim, alpha in zip(self.sim_bands, (45, 85), strict=True):
+            sim.set_colour(theme.simulated, alpha)
+        self.sim_line.setPen(pg.mkPen(theme.simulated, width=2))
+        self.t_line.setPen(pg.mkPen(theme.quiet_text, width=1, style=Qt.PenStyle.DotLine))
+        for line in self.here:
+            line.setPen(pg.mkPen(theme.accent, width=1.5, style=Qt.PenStyle.DashDotLine))
+        while self.legend_row.count():
+            item = self.legend_row.takeAt(0)
+            if item is not None and (widget := item.widget()) is not None:
+                widget.deleteLater()
+        self.legend_row.addWidget(legend(theme))
+
+    def refresh(self, changes: Changes) -> None:
+        """Draw again what has changed."""
+        if changes.scan:
+            self.plane = None
+            self.fit()
+        elif self.plane in changes.planes:
+            self._draw()
+
+    def show_plane(self, plane: PlaneKey | None) -> None:
+        """Show another plane."""
+        if plane != self.plane:
+            self.plane = plane
+            self.readout.clear()
+            self.fit()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Use other colours."""
+        self.theme = theme
+        self._style()
+        self._draw()
+
+    def fit(self) -> None:
+        """Let the axes follow the data again."""
+        self._by_hand = False
+        self._draw()
+
+    def _moved_by_hand(self, *_: object) -> None:
+        self._by_hand = True
+
+    def _draw(self) -> None:
+        points = self.model.plane_points(self.plane) if self.plane is not None else []
+        self._show_heading(points)
+        self._draw_simulated([p for p in points if p.simulated is not None])
+        self._draw_measured([p for p in points if p.brf is not None])
+        self._draw_scores([p for p in points if p.score is not None])
+        self._draw_marks(points)
+        if not self._by_hand:
+            self._set_ranges(points)
+
+    def _show_heading(self, points: list[Point]) -> None:
+        if self.plane is None:
+            self.heading.setText("No plane to show yet")
+            return
+        wait = "" if any(p.brf is not None for p in points) else "   (no point measured yet)"
+        self.heading.setText(words.plane_title(self.plane).capitalize() + wait)
+
+    def _draw_simulated(self, points: list[Point]) -> None:
+        x = [p.geometry.sensor_zenith for p in points]
+        y = [p.simulated or 0.0 for p in points]
+        u = [p.u_simulated or 0.0 for p in points]
+        for band, k in zip(self.sim_bands, (2.0, 1.0), strict=True):
+            low = [a - k * b for a, b in zip(y, u, strict=True)]
+            band.set_data(x, low, [a + k * b for a, b in zip(y, u, strict=True)])
+        self.sim_line.setData(x, y)
+
+    def _draw_measured(self, points: list[Point]) -> None:
+        theme = self.theme
+        x = np.array([p.geometry.sensor_zenith for p in points], dtype=float)
+        y = np.array([p.brf for p in points], dtype=float)
+        u = np.array([p.u_brf for p in points], dtype=float)
+        self.u2.setData(x=x, y=y, height=4 * u, beam=1.2, pen=pg.mkPen(theme.measured, width=1))
+        self.u1.setData(x=x, y=y, height=2 * u, beam=0, pen=pg.mkPen(theme.measured, width=3.5))
+        self.measured.setData(
+            x=x, y=y, symbol="o", size=6.5, brush=pg.mkBrush(theme.surface), pen=pg.mkPen(theme.measured, width=1.6)
+        )
+
+    def _draw_scores(self, points: list[Point]) -> None:
+        x = [p.geometry.sensor_zenith for p in points]
+        t = [p.score.t for p in points if p.score]
+        self.t_line.setData(x, t)
+        categories = [p.score.category for p in points if p.score]
+        self.t_points.setData(
+            x=x,
+            y=t,
+            symbol=[marks.CATEGORY_SYMBOL[c] for c in categories],
+            size=9,
+            brush=[pg.mkBrush(getattr(self.theme, c)) for c in categories],
+            pen=[pg.mkPen(self.theme.surface, width=0.8) for c in categories],
+        )
+
+    def _draw_marks(self, points: list[Point]) -> None:
+        current = self.model.current
+        here = current is not None and self.plane is not None and self.model.current_plane == self.plane
+        for line in self.here:
+            line.setVisible(here)
+            if here and current is not None:
+                line.setValue(self.model.points[current].geometry.sensor_zenith)
+        x = [p.geometry.sensor_zenith for p in points if p.skipped]
+        self.missing.setData(
+            x=x, y=[0.0] * len(x), symbol="s", size=10, brush=None, pen=pg.mkPen(self.theme.poor, width=1.8)
+        )
+
+    def _set_ranges(self, points: list[Point]) -> None:
+        zeniths = [p.geometry.sensor_zenith for p in points] or [-90.0, 90.0]
+        self.brf_plot.setXRange(min(zeniths) - 3, max(zeniths) + 3, padding=0)
+        ends = [end for p in points for end in _extent(p)]
+        low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
+        margin = max(0.06 * (high - low), 1e-4)
+        self.brf_plot.setYRange(low - margin, high + margin, padding=0)
+        span = max([_T_SPAN, *(abs(p.score.t) * 1.15 for p in points if p.score)])
+        self.t_plot.setYRange(-span, span, padding=0)
+
+    def _point_at(self, position: Any) -> None:
+        """Say what there is to know of the point nearest to the pointer."""
+        points = self.model.plane_points(self.plane) if self.plane is not None else []
+        for plot in (self.brf_plot, self.t_plot):
+            if points and plot.sceneBoundingRect().contains(position):
+                x = plot.getViewBox().mapSceneToView(position).x()
+                nearest = min(points, key=lambda point: abs(point.geometry.sensor_zenith - x))
+                self.readout.setText(words.point_values(nearest))
+                return
+
+
+def _extent(point: Point) -> list[float]:
+    """Ends of what is drawn of a point on the BRF axis."""
+    ends = []
+    if point.brf is not None:
+        ends += [point.brf - 2 * (point.u_brf or 0.0), point.brf + 2 * (point.u_brf or 0.0)]
+    if point.simulated is not None:
+        ends += [point.simulated - 2 * (point.u_simulated or 0.0), point.simulated + 2 * (point.u_simulated or 0.0)]
+    return ends
+
+
+PANEL = PlotsPanel

@@ -1,0 +1,111 @@
+"""From the command's options to a window on a session."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+
+from PySide6.QtCore import QSettings, QTimer
+
+from gui.application import start_application
+from gui.control import Controller, Listener, SessionController
+from gui.window import MainWindow
+from instrument.errors import EXIT_DONE, InputError
+from instrument.session import ScanRequest
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says; fields as in :class:`instrument.session.ScanRequest`."""
+
+    plan: Path | None
+    simulate: bool
+    speed: float
+    seed: int
+    devices: Path | None
+    facility: Path | None
+    artifact: Path | None
+    material: Path | None
+    out: Path | None
+    twin: bool
+
+    def request(self, plan: Path | None) -> ScanRequest:
+        """What a start asks for; each start makes a run folder of its own."""
+        return ScanRequest(
+            plan=plan,
+            simulate=self.simulate,
+            speed=self.speed if self.simulate else 1.0,
+            seed=self.seed,
+            devices=self.devices,
+            facility=self.facility,
+            artifact=self.artifact,
+            material=self.material,
+            out=self.out,
+            twin=self.twin,
+        )
+
+    def check(self) -> None:
+        """Refuse what no session could use, before a window opens.
+
+        Raises
+        ------
+        InputError
+            Naming the option.
+        """
+        if self.simulate and self.devices is not None:
+            raise InputError("--simulate and --devices exclude each other: give one of them")
+        if not self.simulate and self.devices is None:
+            raise InputError("which laboratory? give --simulate, or --devices with the file devices.toml of yours")
+        if not self.simulate and self.facility is None:
+            raise InputError("--facility: missing; expected the file facility.toml that describes the instrument")
+        if not self.speed > 0:
+            raise InputError(f"--speed: found {self.speed:g}; expected more than 0")
+        for name in ("plan", "devices", "facility", "artifact", "material"):
+            path = getattr(self, name)
+            if path is not None and not path.is_file():
+                raise InputError(f"{name}: {path}: no such file")
+
+
+def run(options: Options, screenshot: Path | None = None) -> int:
+    """Open the window and stay until it is closed.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    options.check()
+    if screenshot is not None:
+        os.environ["QT_QPA_PLATFORM"] = "offscreen"
+    application = start_application()
+    settings = QSettings("goniotwin", "window")
+    if screenshot is not None:
+        settings = QSettings(str(screenshot.with_suffix(".ini")), QSettings.Format.IniFormat)
+
+    def controller(listener: Listener, plan: Path | None) -> Controller:
+        return SessionController(options.request(plan), listener)
+
+    laboratory = f"simulated laboratory, {options.speed:g} times faster" if options.simulate else str(options.devices)
+    window = MainWindow(controller, settings, options.plan, laboratory, plan_needed=not options.simulate)
+    heart = _close_on_interrupt(window)
+    window.show()
+    if screenshot is not None:
+        from gui.screenshot import Photographer
+
+        photographer = Photographer(window, screenshot)
+        application.exec()
+        return photographer.status
+    application.exec()
+    heart.stop()
+    return EXIT_DONE
+
+
+def _close_on_interrupt(window: MainWindow) -> QTimer:
+    """Let Ctrl+C close the window as a click does; the timer gives Python a chance to see the signal."""
+    signal.signal(signal.SIGINT, lambda *_: window.close())
+    timer = QTimer(window)
+    timer.start(250)
+    timer.timeout.connect(lambda: None)
+    return timer

@@ -1,0 +1,305 @@
+"""The main window: panels around one model. It holds no science and speaks to no device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QByteArray, QSettings, Qt
+from PySide6.QtGui import QAction, QActionGroup, QCloseEvent, QKeySequence
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QMainWindow,
+    QMessageBox,
+    QSplitter,
+    QVBoxLayout,
+    QWidget,
+)
+
+from gui import theme as themes
+from gui.bridge import Bridge
+from gui.comparison import score
+from gui.control import Controller, Listener
+from gui.model import Changes, PlaneKey, ScanModel
+from gui.panels import discover
+from gui.panels.base import Panel
+from gui.panels.plots import PlotsPanel
+from gui.questions import ask
+from instrument.states import FINAL
+
+#: Makes the controller of a window; it is told where events go and which plan to run (None: the laboratory's own).
+ControllerFactory = Callable[[Listener, Path | None], Controller]
+
+_HELP = "F5 start   F6 pause   F7 resume   F8 abort   F12 HALT   Ctrl+O open plan   Ctrl+F follow   Home fit view"
+
+
+class MainWindow(QMainWindow):
+    """One window on one instrument.
+
+    Parameters
+    ----------
+    make_controller
+        Called for every start with the window's listener and the chosen plan.
+    settings
+        Where layout and last files are remembered.
+    plan
+        The plan that Start runs; None: the one that comes with the laboratory.
+    laboratory
+        What is driven, in words, for the title.
+    plan_needed
+        True where the laboratory brings no plan of its own.
+    """
+
+    def __init__(
+        self,
+        make_controller: ControllerFactory,
+        settings: QSettings,
+        plan: Path | None = None,
+        laboratory: str = "",
+        plan_needed: bool = False,
+    ) -> None:
+        super().__init__()
+        self._make_controller, self._settings = make_controller, settings
+        self._controller: Controller | None = None
+        self._plan, self._laboratory, self._plan_needed = plan, laboratory, plan_needed
+        self._closing = False
+        self._question: QMessageBox | None = None
+        self.model = ScanModel(score)
+        self.bridge = Bridge(self.model, self)
+        self.bridge.changed.connect(self._refresh)
+        self.palette_choice = themes.remembered(settings)
+        theme = themes.choose(self.palette_choice)
+        self.panels: list[Panel] = [panel(self.model, theme) for panel in discover()]
+        self._lay_out()
+        self._make_menu()
+        self._connect()
+        self.statusBar().addPermanentWidget(QLabel(_HELP))
+        self._restore()
+        self._show_title()
+
+    def panel(self, name: str) -> Panel:
+        """The panel whose class has this name."""
+        return next(panel for panel in self.panels if type(panel).__name__ == name)
+
+    # Layout
+
+    def _lay_out(self) -> None:
+        centre = QWidget()
+        column = QVBoxLayout(centre)
+        column.setContentsMargins(10, 10, 10, 4)
+        column.setSpacing(8)
+        header = QHBoxLayout()
+        header.setSpacing(8)
+        for panel in self._in_area("header"):
+            header.addWidget(panel, panel.stretch)
+        column.addLayout(header)
+        for panel in self._in_area("banner"):
+            column.addWidget(panel)
+        left = QWidget()
+        stack = QVBoxLayout(left)
+        stack.setContentsMargins(0, 0, 0, 0)
+        stack.setSpacing(8)
+        for panel in self._in_area("left"):
+            stack.addWidget(panel, panel.stretch)
+        self.across = QSplitter(Qt.Orientation.Horizontal)
+        self.across.addWidget(left)
+        for panel in self._in_area("centre"):
+            self.across.addWidget(panel)
+        self.across.setSizes([340, 940])
+        self.across.setStretchFactor(0, 0)
+        self.across.setStretchFactor(1, 1)
+        self.down = QSplitter(Qt.Orientation.Vertical)
+        self.down.addWidget(self.across)
+        for panel in self._in_area("bottom"):
+            self.down.addWidget(panel)
+        self.down.setSizes([660, 140])
+        self.down.setStretchFactor(0, 1)
+        for splitter in (self.across, self.down):
+            splitter.setHandleWidth(8)
+            splitter.setChildrenCollapsible(False)
+        column.addWidget(self.down, 1)
+        self.setCentralWidget(centre)
+        self.resize(1360, 900)
+
+    def _in_area(self, area: str) -> list[Panel]:
+        return [panel for panel in self.panels if panel.area == area]
+
+    def _make_menu(self) -> None:
+        file = self.menuBar().addMenu("&File")
+        self.open_action = QAction("&Open plan…", self)
+        self.open_action.setShortcut(QKeySequence.StandardKey.Open)
+        self.open_action.triggered.connect(self._choose_plan)
+        leave = QAction("&Close", self)
+        leave.setShortcut(QKeySequence("Ctrl+Q"))
+        leave.triggered.connect(self.close)
+        file.addActions([self.open_action, leave])
+        view = self.menuBar().addMenu("&View")
+        group = QActionGroup(self)
+        names: dict[themes.Choice, str] = {"system": "As the &desktop", "light": "&Light", "dark": "Da&rk"}
+        for choice, name in names.items():
+            action = QAction(name, self, checkable=True, checked=choice == self.palette_choice)
+            action.triggered.connect(lambda _=False, choice=choice: self.use_palette(choice))
+            group.addAction(action)
+            view.addAction(action)
+
+    def _connect(self) -> None:
+        for panel in self.panels:
+            panel.asked.connect(self.do)
+            panel.plane_chosen.connect(self._plane_chosen)
+        plots = self.panel("PlotsPanel")
+        assert isinstance(plots, PlotsPanel)
+        self.plots = plots
+        plots.follow_changed.connect(lambda on: self._follow() if on else None)
+
+    # What a person asks for
+
+    def do(self, command: str) -> None:
+        """Carry out a command of a panel."""
+        if command == "start":
+            self._start()
+        elif command == "abort":
+            self._ask_to_abort()
+        elif self._controller is not None:
+            if command == "mounted":
+                self._controller.answer(True)
+            else:
+                getattr(self._controller, command)()
+
+    def use_palette(self, choice: themes.Choice) -> None:
+        """Change between light and dark."""
+        self.palette_choice = choice
+        self._settings.setValue("palette", choice)
+        theme = themes.choose(choice)
+        for panel in self.panels:
+            panel.set_theme(theme)
+
+    def set_plan(self, plan: Path) -> None:
+        """The plan that the next start runs."""
+        self._plan = plan
+        self._settings.setValue("plan_folder", str(plan.parent))
+        self._show_title()
+
+    def _start(self) -> None:
+        if self._plan is None and self._plan_needed:
+            self._choose_plan()
+            if self._plan is None:
+                return
+        self._controller = self._make_controller(self.bridge, self._plan)
+        self._controller.start()
+
+    def _ask_to_abort(self) -> None:
+        self._ask(
+            "Abort the scan",
+            "Abort the scan?",
+            "Abort the scan",
+            "Go on measuring",
+            lambda yes: self._abort() if yes else None,
+            "It ends in an orderly way. What is measured is kept, and the run can be resumed later.",
+        )
+
+    def _abort(self) -> None:
+        if self._controller is not None:
+            self._controller.abort()
+
+    def _ask(self, title: str, text: str, yes: str, no: str, answered: Callable[[bool], None], detail: str) -> None:
+        if self._question is not None:
+            self._question.raise_()
+            return
+
+        def done(accepted: bool) -> None:
+            self._question = None
+            answered(accepted)
+
+        self._question = ask(self, title, text, yes, no, done, detail)
+
+    def _choose_plan(self) -> None:
+        folder = str(self._settings.value("plan_folder", ""))
+        name, _ = QFileDialog.getOpenFileName(self, "Open plan", folder, "Plans (*.toml);;All files (*)")
+        if name:
+            self.set_plan(Path(name))
+
+    # What the engine says
+
+    def _refresh(self, changes: Changes) -> None:
+        for panel in self.panels:
+            panel.refresh(changes)
+        if changes.scan or changes.current:
+            self._follow()
+        if changes.scan or changes.state:
+            self._show_title()
+            self.open_action.setEnabled(not self.model.connected)
+            if self._question is not None and (not self.model.connected or self.model.state in FINAL):
+                self._question.reject()
+        if self._closing and not self.model.connected:
+            self.close()
+
+    def _follow(self) -> None:
+        if not self.plots.follow.isChecked() and self.plots.plane in self.model.planes:
+            return
+        plane = self.model.current_plane
+        if plane is None and self.plots.plane is None:
+            plane = next(iter(self.model.planes), None)
+        if plane is not None:
+            self._show_plane(plane)
+
+    def _plane_chosen(self, plane: PlaneKey) -> None:
+        self.plots.follow.setChecked(plane == self.model.current_plane)
+        self._show_plane(plane)
+
+    def _show_plane(self, plane: PlaneKey) -> None:
+        for panel in self.panels:
+            panel.show_plane(plane)
+
+    def _show_title(self) -> None:
+        plan = self.model.title or (self._plan.name if self._plan else "")
+        parts = [part for part in (plan, self._laboratory, "goniotwin") if part]
+        self.setWindowTitle(" – ".join(parts))
+        where = f"Run folder {self.model.run_dir}" if self.model.run_dir else ""
+        ready = f"Plan {self._plan}" if self._plan else "" if self._plan_needed else "The laboratory's own plan"
+        self.statusBar().showMessage(where or ready or "Open a plan to begin (Ctrl+O)")
+
+    # Coming and going
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Close at once when nothing runs; else ask, end the scan in an orderly way, and close after that."""
+        if not self.model.connected:
+            self._remember()
+            event.accept()
+            return
+        event.ignore()
+        if not self._closing:
+            self._ask(
+                "A scan is running",
+                "End the scan and close the window?",
+                "End the scan and close",
+                "Keep the window open",
+                self._close_answered,
+                "The scan ends in an orderly way: arms at rest, light off. What is measured is kept, and the run can"
+                " be resumed later.",
+            )
+
+    def _close_answered(self, yes: bool) -> None:
+        if not yes:
+            return
+        self._closing = True
+        self.statusBar().showMessage("Ending the scan; the window closes when the instrument is safe")
+        self._abort()
+        if not self.model.connected:
+            self.close()
+
+    def _restore(self) -> None:
+        for key, restore in (
+            ("geometry", self.restoreGeometry),
+            ("across", self.across.restoreState),
+            ("down", self.down.restoreState),
+        ):
+            value = self._settings.value(key)
+            if isinstance(value, QByteArray):
+                restore(value)
+
+    def _remember(self) -> None:
+        self._settings.setValue("geometry", self.saveGeometry())
+        self._settings.setValue("across", self.across.saveState())
+        self._settings.setValue("down", self.down.saveState())
