@@ -258,4 +258,6 @@ def _identify(role: str, device: Device, form: DevicesForm) -> str:
     try:
         return device.identify()
     except DeviceError as error:
-        raise type(error)(role, f"on line {entry.line!r}, driver {entry.driver!r}: {error.problem}", error.advice) from error
+        raise type(error)(
+            role, f"on line {entry.line!r}, driver {entry.driver!r}: {error.problem}", error.advice
+        ) from error

@@ -1,0 +1,114 @@
+"""Asking every device who it is and how it is, one failure leaving the others to be tried."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from rich.table import Table
+from rich.text import Text
+
+from drivers.clock import Clock
+from drivers.configuration import DevicesForm, PlannedDevice, make_devices
+from drivers.errors import ConfigurationError, DeviceError
+from drivers.interfaces import Amplifier, Axis, Detector, Device, LightSource, Shutter, WavelengthSelector
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What one device answered.
+
+    Attributes
+    ----------
+    role, driver, line
+        As in ``devices.toml``.
+    identity
+        Who it says it is.
+    state
+        How it is, in words.
+    problem
+        Why the check failed; empty where it did not.
+    """
+
+    role: str
+    driver: str
+    line: str
+    identity: str = ""
+    state: str = ""
+    problem: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """True where the device answered and reports no fault."""
+        return not self.problem
+
+    def as_dict(self) -> dict[str, str | bool]:
+        """The result for programs."""
+        return asdict(self) | {"ok": self.ok}
+
+
+def check_devices(form: DevicesForm, clock: Clock | None = None) -> list[CheckResult]:
+    """Try every device of the file; nothing moves and every line is closed again.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is wrong.
+    """
+    failures: dict[str, str] = {}
+
+    def failed(plan: PlannedDevice, error: Exception) -> None:
+        if isinstance(error, ConfigurationError):
+            raise error
+        failures[plan.role] = error.problem if isinstance(error, DeviceError) else str(error)
+
+    connection = make_devices(form, clock or Clock(form.clock.speed), failed)
+    try:
+        return [
+            _check(role, entry.driver, entry.line, connection.devices.get(role), failures.get(role, ""))
+            for role, entry in form.devices.items()
+        ]
+    finally:
+        connection.close()
+
+
+def _check(role: str, driver: str, line: str, device: Device | None, problem: str) -> CheckResult:
+    if device is None:
+        return CheckResult(role, driver, line, problem=problem)
+    identity = ""
+    try:
+        identity = device.identify()
+        state, fault = describe(device)
+    except DeviceError as error:
+        advice = f" ({error.advice})" if error.advice else ""
+        return CheckResult(role, driver, line, identity, problem=error.problem + advice)
+    return CheckResult(role, driver, line, identity, state, fault)
+
+
+def describe(device: Device) -> tuple[str, str]:
+    """State and fault of a device, in words."""
+    if isinstance(device, Axis):
+        status = device.status()
+        words = [f"{device.position():.3f} degree", "moving" if status.moving else "standing"]
+        return ", ".join([*words, "homed" if status.homed else "not homed"]), status.fault
+    if isinstance(device, LightSource):
+        return f"emission {'on' if device.emission() else 'off'}, power {device.power():.1%}", device.fault()
+    if isinstance(device, WavelengthSelector):
+        return f"{device.wavelength():g} nm", ""
+    if isinstance(device, Amplifier):
+        return f"{device.gain():.4g} V/A", "overload" if device.overload() else ""
+    if isinstance(device, Shutter):
+        return "open" if device.is_open() else "closed", ""
+    if isinstance(device, Detector):
+        return f"{device.read(1).samples[0]:.6g} V", ""
+    return "", ""
+
+
+def table(results: list[CheckResult]) -> Table:
+    """The results for the terminal."""
+    shown = Table(title="Devices")
+    for heading in ("role", "line", "identity", "state", "check"):
+        shown.add_column(heading, overflow="fold")
+    for result in results:
+        verdict = Text("ok", style="green") if result.ok else Text(result.problem, style="bold red")
+        shown.add_row(result.role, result.line, Text(result.identity), Text(result.state), verdict)
+    return shown

@@ -1,0 +1,40 @@
+"""``goniotwin devices check``: try every connection of a ``devices.toml``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def check(
+    devices: Annotated[Path, typer.Option(help="devices.toml of the room.")],
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the same for programs.")] = None,
+) -> None:
+    """Ask every device who it is and how it is; nothing moves."""
+    import json
+
+    from rich.console import Console
+
+    from drivers.check import check_devices, table
+    from drivers.configuration import read_devices
+    from drivers.errors import ConfigurationError
+
+    try:
+        form = read_devices(devices)
+        results = check_devices(form)
+    except ConfigurationError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from None
+    Console().print(table(results))
+    good = all(result.ok for result in results)
+    if json_file is not None:
+        content = {"devices": [result.as_dict() for result in results], "ok": good}
+        try:
+            json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            typer.echo(f"error: {json_file}: cannot be written: {error.strerror}", err=True)
+            raise typer.Exit(2) from None
+    if not good:
+        raise typer.Exit(3)
