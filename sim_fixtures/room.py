@@ -1,0 +1,170 @@
+"""All simulated devices of one instrument, wired to one bench and served in one folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sim_fixtures.bench import Bench
+from sim_fixtures.devices.keysight_34465a import Multimeter
+from sim_fixtures.devices.modbus_io import IoModule
+from sim_fixtures.devices.modbus_line import ModbusLine
+from sim_fixtures.devices.newport_chain import Smc100Chain
+from sim_fixtures.devices.nkt_interbus import Interbus
+from sim_fixtures.devices.oriental_az import AzDrive
+from sim_fixtures.devices.scpi_socket import ScpiServer
+from sim_fixtures.devices.wire import Faults, SerialLine
+
+#: Address of each arm on its line.
+SMC100_ADDRESSES = {1: "sensor_azimuth", 2: "sensor_zenith"}
+AZ_ADDRESS, IO_ADDRESS = 1, 1
+
+#: Line of every role, so that a fault may be asked for by either name.
+LINE_OF_ROLE = {
+    "sensor_azimuth": "sensor-arms",
+    "sensor_zenith": "sensor-arms",
+    "illumination_zenith": "illumination-arm",
+    "source": "laser",
+    "selector": "laser",
+    "amplifier": "io",
+    "shutter": "io",
+    "detector": "meter",
+}
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """Where the devices answer: pseudo-terminals by line, and the TCP port of the multimeter."""
+
+    ports: dict[str, Path]
+    meter: int
+
+
+class Room:
+    """The devices of one instrument.
+
+    Parameters
+    ----------
+    bench
+        What they are joined to.
+    folder
+        Receives the names of the serial lines (``sensor-arms.tty`` ...).
+    """
+
+    def __init__(self, bench: Bench, folder: Path) -> None:
+        self.bench = bench
+        self._lines = {
+            name: SerialLine(folder / f"{name}.tty") for name in ("sensor-arms", "illumination-arm", "laser", "io")
+        }
+        self._chain, self._bus = Smc100Chain(bench, SMC100_ADDRESSES), Interbus(bench)
+        self._drive, self._io = AzDrive(bench, "illumination_zenith", AZ_ADDRESS), IoModule(bench, IO_ADDRESS)
+        self._lines["sensor-arms"].serve(self._chain)
+        self._lines["laser"].serve(self._bus)
+        self._modbus = [
+            ModbusLine(self._lines["illumination-arm"], [self._drive.slave]),
+            ModbusLine(self._lines["io"], [self._io.slave], baudrate=9600),
+        ]
+        self._meter = ScpiServer(Multimeter(bench))
+        self.endpoints = Endpoints({name: line.link for name, line in self._lines.items()}, self._meter.port)
+        self._actions: dict[str, Callable[..., Any]] = {
+            "mount": self._mount,
+            "state": bench.state,
+            "motion_commands": lambda: dict(bench.motion_commands),
+            "stall": self._stall,
+            "alarm": self._alarm,
+            "limit_switch": self._limit_switch,
+            "drop_replies": lambda device, count=1: self._faults(device).set("drop", count),
+            "late_reply": lambda device, count=1, delay=1.0: self._faults(device).set("late", count, delay),
+            "corrupt_reply": lambda device, count=1: self._faults(device).set("corrupt", count),
+            "busy": self._busy,
+            "disconnect": self._disconnect,
+            "open_interlock": self._open_interlock,
+            "close_interlock": self._close_interlock,
+            "stick_shutter": self._stick_shutter,
+        }
+
+    def control(self, action: str, **arguments: Any) -> Any:
+        """Do what a person, or bad luck, does to the room (:doc:`actions <simulated-laboratory>`).
+
+        Raises
+        ------
+        ValueError
+            If there is no such action, or an argument is wrong.
+        """
+        if action not in self._actions:
+            raise ValueError(f"action: found {action!r}; expected one of {sorted(self._actions)}")
+        try:
+            return self._actions[action](**arguments)
+        except TypeError as error:
+            raise ValueError(f"{action}: {error}") from error
+
+    def close(self) -> None:
+        """End every server."""
+        self._meter.close()
+        for line in self._lines.values():
+            line.close()
+        for server in self._modbus:
+            server.close()
+        self.bench.close()
+
+    def _line(self, device: str) -> str:
+        line = LINE_OF_ROLE.get(device, device)
+        if line not in self._lines and line != "meter":
+            known = sorted({*LINE_OF_ROLE, *LINE_OF_ROLE.values()})
+            raise ValueError(f"device: found {device!r}; expected one of {known}")
+        return line
+
+    def _faults(self, device: str) -> Faults:
+        line = self._line(device)
+        return self._meter.faults if line == "meter" else self._lines[line].faults
+
+    def _axis(self, name: str) -> str:
+        if name not in self.bench.axes:
+            raise ValueError(f"axis: found {name!r}; expected one of {sorted(self.bench.axes)}")
+        return name
+
+    def _mount(self, what: Any) -> None:
+        self.bench.mount(what)
+
+    def _stall(self, axis: str, count: int = 1) -> None:
+        with self.bench.lock:
+            self.bench.axes[self._axis(axis)].stall(count)
+
+    def _alarm(self, axis: str) -> None:
+        with self.bench.lock:
+            controller = self._chain.of_axis(self._axis(axis))
+            if controller is not None:
+                controller.fault("following error")
+            else:
+                self._drive.raise_alarm()
+
+    def _limit_switch(self, axis: str, direction: int = 1) -> None:
+        with self.bench.lock:
+            self.bench.axes[self._axis(axis)].hit_limit(direction)
+
+    def _busy(self, count: int = 1) -> None:
+        self._bus.busy = int(count)
+
+    def _disconnect(self, device: str, seconds: float = 0.0) -> None:
+        line = self._line(device)
+        if line == "meter":
+            self._meter.disconnect()
+            return
+        if line == "io":
+            with self.bench.lock:
+                self._io.release()
+        self._lines[line].disconnect(seconds)
+
+    def _open_interlock(self) -> None:
+        with self.bench.lock:
+            self.bench.source.open_interlock()
+
+    def _close_interlock(self) -> None:
+        with self.bench.lock:
+            self.bench.source.close_interlock()
+
+    def _stick_shutter(self, stuck: bool = True) -> None:
+        with self.bench.lock:
+            self.bench.shutter.stuck = stuck
