@@ -143,9 +143,8 @@ class Femto:
         """
         code = next((c for c, value in self._settings.items() if math.isclose(value, gain, rel_tol=1e-9)), None)
         if code is None:
-            raise CommandRefused(
-                self.name, f"no gain {gain:g} V/A; there are {', '.join(f'{g:g}' for g in self.gains)}"
-            )
+            known = ", ".join(f"{value:g}" for value in self.gains)
+            raise CommandRefused(self.name, f"there is no gain of {gain:g} V/A; expected one of {known}")
         self._io.set_outputs({coil: bool(code >> bit & 1) for bit, coil in enumerate(self._options.coils)})
 
     def overload(self) -> bool:

@@ -7,9 +7,10 @@ abandoned together with its connection, so that it cannot be taken for the next 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable
+from typing import Annotated
 
-from pydantic import Field, PositiveFloat
+from pydantic import AfterValidator, Field, PositiveFloat
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, CommunicationError, DeviceFault
@@ -20,6 +21,10 @@ from drivers.visa_line import VisaLine
 
 MODELS = ("34460A", "34461A", "34465A", "34470A")
 
+RANGES = (0.1, 1.0, 10.0, 100.0, 1000.0)
+#: Below 0.02 the meters of this series digitise and need their DIG option.
+NPLCS = (0.02, 0.06, 0.2, 1.0, 10.0, 100.0)
+
 #: Magnitude from which on a reading is the sign of an overload.
 OVERLOAD = 9.0e37
 
@@ -28,6 +33,15 @@ ERROR_QUEUE = 20
 
 #: A burst that was lost is taken again.
 ATTEMPTS = 2
+
+
+def _one_of(choices: tuple[float, ...]) -> Callable[[float], float]:
+    def check(value: float) -> float:
+        if value not in choices:
+            raise ValueError(f"expected one of {', '.join(f'{choice:g}' for choice in choices)}")
+        return value
+
+    return check
 
 
 class Keysight34465AForm(Form):
@@ -47,9 +61,9 @@ class Keysight34465AForm(Form):
         Whether every reading is followed by one of the shorted input, which doubles its time.
     """
 
-    range: Literal[0.1, 1.0, 10.0, 100.0, 1000.0] = 10.0
+    range: Annotated[float, AfterValidator(_one_of(RANGES))] = 10.0
     full_scale: PositiveFloat | None = None
-    nplc: Literal[0.02, 0.06, 0.2, 1.0, 10.0, 100.0] = 1.0
+    nplc: Annotated[float, AfterValidator(_one_of(NPLCS))] = 1.0
     line_frequency: Annotated[float, Field(ge=40, le=70)] = 50.0
     auto_zero: bool = True
 
@@ -144,8 +158,8 @@ class Keysight34465A:
                 "*CLS",
                 "CONF:VOLT:DC",
                 f"SENS:VOLT:DC:RANG {options.range:g}",
-                f"SENS:VOLT:DC:NPLC {options.nplc:g}",
-                f"SENS:VOLT:DC:ZERO:AUTO {int(options.auto_zero)}",
+                f"SENS:VOLT:NPLC {options.nplc:g}",
+                f"SENS:VOLT:ZERO:AUTO {int(options.auto_zero)}",
                 "TRIG:SOUR IMM",
                 "TRIG:COUN 1",
             ):

@@ -45,10 +45,8 @@ class ModbusIo:
 
     def identify(self) -> str:
         """Read every input and output, which shows that the module answers."""
-        inputs, outputs = self.inputs(), self.outputs()
-        return (
-            f"Modbus I/O, slave {self.address}, inputs {_digits(inputs)}, outputs {_digits(outputs)} (channel 0 first)"
-        )
+        inputs, outputs = _digits(self.inputs()), _digits(self.outputs())
+        return f"Modbus I/O, slave {self.address}, inputs {inputs}, outputs {outputs} from channel 0"
 
     def inputs(self) -> list[bool]:
         """All inputs, channel 0 first."""

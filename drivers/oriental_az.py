@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 from pydantic import Field, PositiveFloat
@@ -98,7 +99,8 @@ class OrientalAz:
         """
         self._line.echo(self.name, self._options.address)
         driver, motor = self._temperatures()
-        return f"Oriental Motor AZ, slave {self._options.address}, driver {driver / 10:.1f} degC, motor {motor / 10:.1f} degC"
+        temperatures = f"driver {driver / 10:.1f} degC, motor {motor / 10:.1f} degC"
+        return f"Oriental Motor AZ, slave {self._options.address}, {temperatures}"
 
     def position(self) -> float:
         """Feedback position, degree."""
@@ -131,7 +133,7 @@ class OrientalAz:
                 self._pulse(self._options.zhome_bit)
             except CommunicationError as error:
                 raise self._stopped_after("ZHOME", error) from error
-            self._wait_accepted("the return to home", lambda: abs(self._long(COMMAND_POSITION)) <= 1)
+            self._wait_accepted("the return to home", self._stands_at_home)
 
     def start_move(self, target: float) -> None:
         """Send one move to ``target`` (degree) and confirm that the drive took it.
@@ -217,9 +219,8 @@ class OrientalAz:
             raise CommandRefused(self.name, "the drive is not ready", "check excitation and stop inputs")
         return origin
 
-    def _wait_accepted(self, what: str, arrived: object) -> None:
+    def _wait_accepted(self, what: str, arrived: Callable[[], bool]) -> None:
         """Wait until the drive moves or has arrived; ``arrived`` is asked for once it does not move."""
-        assert callable(arrived)
         deadline = time.monotonic() + ACCEPT_DEADLINE
         while True:
             _, drive = self._read(STATUS_WORDS, 2)
@@ -243,6 +244,10 @@ class OrientalAz:
         return CommunicationError(
             self.name, f"{command}: {error.problem}; {outcome}", "read position and state before moving again"
         )
+
+    def _stands_at_home(self) -> bool:
+        origin, _ = self._read(STATUS_WORDS, 2)
+        return bool(origin & COORDINATES_SET) and abs(self._long(COMMAND_POSITION)) <= 1
 
     def _at_command(self) -> bool:
         command, feedback = self._long(COMMAND_POSITION), self._long(FEEDBACK_POSITION)
