@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from drivers.interfaces import AxisLimits
 from instrument.events import Geometry
-from instrument.plan import Plan
+
+if TYPE_CHECKING:
+    from instrument.plan import Plan
 
 #: The motorised arms in the order in which a scan moves them.
 AXES = ("illumination_zenith", "sensor_azimuth", "sensor_zenith")

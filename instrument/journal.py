@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from instrument.errors import InputError
+from instrument.files import sync_folder
 from instrument.records import RECORDS
 
 #: Name of the journal inside a run folder.
@@ -138,7 +139,7 @@ class Journal:
             raise InputError(f"{run_dir}: no such folder") from None
         journal = cls(path, descriptor, 0, chain, _Contents())
         journal._append(line)
-        _sync_folder(run_dir)
+        sync_folder(run_dir)
         return journal
 
     @classmethod
@@ -352,11 +353,3 @@ def _plain(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise JournalError(f"{type(value).__name__} {value!r} has no place in a journal")
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -16,11 +16,25 @@ import numpy as np
 from pydantic import Field
 
 from instrument.angles import FloatArray, angle_between, direction
+from instrument.durations import duration, estimate_duration
 from instrument.errors import InputError
 from instrument.events import Geometry
 from instrument.facility import Arms, Facility
 from instrument.forms import Form, read_form
 from instrument.plan_units import check_units
+
+__all__ = [
+    "Blocked",
+    "Plan",
+    "PlanForm",
+    "describe",
+    "duration",
+    "estimate_duration",
+    "is_shadowed",
+    "make_plan",
+    "read_plan",
+    "retroreflection_angle",
+]
 
 #: Slack of the rule for blocked points, degree (data contract, section Run file).
 SHADOW_SLACK = 1e-6

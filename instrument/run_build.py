@@ -1,0 +1,248 @@
+"""From the journal to the run file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from instrument.angles import FloatArray
+from instrument.budget import combined, point_budget
+from instrument.calibration import Photocurrent, brf_from_readings, photocurrent
+from instrument.errors import InputError
+from instrument.facility import Facility
+from instrument.forms import parse_form, parse_toml
+from instrument.journal import JournalContent, read_journal
+from instrument.run_schema import RUN
+from instrument.run_write import described
+
+Record = Mapping[str, Any]
+#: Axes whose read-backs a run file holds.
+AXES = ("illumination_zenith", "sensor_zenith", "sensor_azimuth")
+#: How the errors of a component belong together along ``point``, after obsarray; instrument stability is not
+#: among them, since nobody knows how a day's remounting correlates over the points of a scan.
+_RANDOM, _UNSTATED = ("u_brf_noise",), ("u_brf_stability",)
+
+
+def build_run(
+    header: Record,
+    points: Mapping[int, Record] | Iterable[Record],
+    references: Sequence[Record],
+    facility: Facility,
+    *,
+    journal_digest: str | None = None,
+) -> xr.Dataset:
+    """The run file of what a journal holds.
+
+    Parameters
+    ----------
+    header, points, references
+        Records of the journal (``docs/journal.md``); points in any order, by index or not.
+    facility
+        What the readings are calibrated with.
+    journal_digest
+        Digest of the journal, kept in the file.
+
+    Returns
+    -------
+    xarray.Dataset
+        Rows in time order; every variable of the data contract, read-backs, source power and surroundings.
+
+    Raises
+    ------
+    InputError
+        If there is no point, or none of the reference, or a point stands before every reference reading.
+    """
+    rows = sorted(points.values() if isinstance(points, Mapping) else points, key=lambda record: record["time"])
+    if not rows:
+        raise InputError("no point was measured; a run file needs at least one")
+    if not references:
+        raise InputError("no reference reading; without one no reflectance factor can be computed")
+    columns = _points(rows) | _references(references)
+    dataset = xr.Dataset(columns)
+    sets = _reference_sets(references)
+    dataset["reference_set"] = ("reference", sets, {"long_name": "which calibration a reference reading belongs to"})
+    used = _used_sets(rows, references, sets)
+    dataset["point_reference_set"] = ("point", used, {"long_name": "calibration that the point is scaled with"})
+    _calibrate(dataset, facility)
+    _add_budget(dataset, facility)
+    dataset.attrs = _attributes(header, facility, journal_digest)
+    dataset = dataset.set_coords([name for name, variable in RUN.items() if variable.coordinate])
+    return described(dataset, RUN)
+
+
+def rebuild_run(run_dir: Path) -> xr.Dataset:
+    """The run file of a run folder, from its journal alone.
+
+    Raises
+    ------
+    InputError
+        If the folder has no journal, a damaged one, or one that does not suffice for a run file.
+    """
+    content = read_journal(run_dir)
+    return run_of_journal(content)
+
+
+def run_of_journal(content: JournalContent) -> xr.Dataset:
+    """The run file of a journal, calibrated with the facility that its header holds; errors as :func:`build_run`."""
+    source = f"{content.path}: header: facility"
+    facility = parse_form(parse_toml(content.header["facility"], source), Facility, source)
+    try:
+        return build_run(content.header, content.points, content.references, facility, journal_digest=content.digest)
+    except InputError as error:
+        raise InputError(f"{content.path}: {error}") from None
+
+
+def _column(rows: Sequence[Record], key: str) -> FloatArray:
+    return np.array([row[key] for row in rows], dtype=float)
+
+
+def _times(rows: Sequence[Record]) -> np.ndarray:
+    stamps = [row["time"].isoformat() if isinstance(row["time"], datetime) else row["time"] for row in rows]
+    return np.array([stamp.removesuffix("Z").removesuffix("+00:00") for stamp in stamps], dtype="datetime64[ns]")
+
+
+def _signals(rows: Sequence[Record], what: str) -> FloatArray:
+    counts = {len(row["signal"]) for row in rows}
+    if len(counts) != 1:
+        raise InputError(f"{what} have between {min(counts)} and {max(counts)} samples; expected one number for all")
+    return np.array([row["signal"] for row in rows], dtype=float)
+
+
+def _points(rows: Sequence[Record]) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        name: ("point", _column([row["geometry"] for row in rows], name))
+        for name in ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_zenith", "sensor_azimuth")
+    }
+    columns["time"] = ("point", _times(rows))
+    columns["signal"] = (("point", "sample"), _signals(rows, "points"))
+    columns["dark"] = ("point", _column(rows, "dark"))
+    columns["gain"] = ("point", _column(rows, "gain"))
+    columns["quality_flag"] = ("point", np.array([row.get("quality_flag", 0) for row in rows], dtype=np.int8))
+    columns["plan_index"] = ("point", np.array([row["index"] for row in rows]), {"long_name": "index in the plan"})
+    for axis in AXES:
+        if all(axis in row.get("readback", {}) for row in rows):
+            columns[f"readback_{axis}"] = (
+                "point",
+                _column([row["readback"] for row in rows], axis),
+                {"units": "degree", "long_name": f"{axis.replace('_', ' ')} read back from the arm"},
+            )
+    for key, unit, meaning in (
+        ("source_power", "1", "power of the source, fraction of full power"),
+        ("wavelength_readback", "nm", "wavelength read back from the selector"),
+    ):
+        if all(row.get(key) is not None for row in rows):
+            columns[key] = ("point", _column(rows, key), {"units": unit, "long_name": meaning})
+    for name in rows[0].get("environment", {}):
+        if all(name in row.get("environment", {}) for row in rows):
+            columns[f"environment_{name}"] = (
+                "point",
+                np.array([row["environment"][name][0] for row in rows], dtype=float),
+                {"units": rows[0]["environment"][name][1], "long_name": f"surroundings: {name.replace('_', ' ')}"},
+            )
+    return columns
+
+
+def _references(rows: Sequence[Record]) -> dict[str, Any]:
+    return {
+        "reference_signal": (("reference", "sample"), _signals(rows, "reference readings")),
+        "reference_sensor_azimuth": ("reference", _column([row["geometry"] for row in rows], "sensor_azimuth")),
+        "reference_gain": ("reference", _column(rows, "gain")),
+        "reference_dark": ("reference", _column(rows, "dark")),
+        "reference_time": ("reference", _times(rows)),
+    }
+
+
+def _reference_sets(references: Sequence[Record]) -> np.ndarray:
+    """Number of the calibration each reading belongs to: a new one starts where an index comes again."""
+    sets: list[int] = []
+    number, seen = 0, set[int]()
+    for record in references:
+        if record["index"] in seen:
+            number, seen = number + 1, set()
+        seen.add(record["index"])
+        sets.append(number)
+    return np.array(sets)
+
+
+def _used_sets(rows: Sequence[Record], references: Sequence[Record], sets: np.ndarray) -> np.ndarray:
+    """Calibration of every point: the last one that was complete before it."""
+    ends = np.array([_times(references)[sets == number].max() for number in range(sets[-1] + 1)])
+    used = np.searchsorted(ends, _times(rows), side="right") - 1
+    if np.any(used < 0):
+        row = rows[int(np.argmax(used < 0))]
+        raise InputError(f"point {row['index']}, taken at {row['time']}, stands before the first complete reference")
+    return np.asarray(used)
+
+
+def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
+    reading = photocurrent(dataset["signal"].values, dataset["dark"].values, dataset["gain"].values)
+    reference = photocurrent(*(dataset[f"reference_{name}"].values for name in ("signal", "dark", "gain")))
+    brf, standard_error = np.empty(dataset.sizes["point"]), np.empty(dataset.sizes["point"])
+    for number in np.unique(dataset["point_reference_set"].values):
+        rows = dataset["point_reference_set"].values == number
+        of_set = dataset["reference_set"].values == number
+        result = brf_from_readings(
+            facility,
+            dataset["illumination_zenith"].values[rows],
+            dataset["sensor_zenith"].values[rows],
+            dataset["sensor_azimuth"].values[rows],
+            Photocurrent(reading.current[rows], reading.standard_error[rows]),
+            dataset["reference_sensor_azimuth"].values[of_set],
+            Photocurrent(reference.current[of_set], reference.standard_error[of_set]),
+            illumination_azimuth=dataset["illumination_azimuth"].values[rows],
+        )
+        brf[rows], standard_error[rows] = result.brf, result.standard_error
+    dataset["brf"] = ("point", brf)
+    if np.all(np.isfinite(standard_error)):
+        dataset["brf_standard_error"] = (
+            "point",
+            standard_error,
+            {"units": "1", "long_name": "standard error of brf from the scatter of its samples; not in the budget"},
+        )
+
+
+def _add_budget(dataset: xr.Dataset, facility: Facility) -> None:
+    components = point_budget(
+        facility.budget,
+        dataset["illumination_zenith"].values,
+        dataset["sensor_zenith"].values,
+        dataset["brf"].values,
+    )
+    for name, values in components.items():
+        dataset[name] = ("point", values, _correlation(name))
+    dataset["brf"].attrs["unc_comps"] = list(components)
+    dataset["u_brf"] = ("point", combined(components))
+
+
+def _correlation(name: str) -> dict[str, Any]:
+    attributes: dict[str, Any] = {"pdf_shape": "gaussian"}
+    if name not in _UNSTATED:
+        attributes |= {
+            "err_corr_1_dim": "point",
+            "err_corr_1_form": "random" if name in _RANDOM else "systematic",
+            "err_corr_1_params": np.zeros(0),
+            "err_corr_1_units": np.zeros(0),
+        }
+    return attributes
+
+
+def _attributes(header: Record, facility: Facility, journal_digest: str | None) -> dict[str, Any]:
+    attributes = {
+        "title": header.get("title") or "goniospectrophotometer scan",
+        "reference_reflectance_factor": facility.reference.reflectance_factor,
+        "reference_illumination_zenith": facility.reference.illumination_zenith,
+        "reference_sensor_zenith": facility.reference.sensor_zenith,
+        "scan_direction": header["scan_direction"],
+        "points_planned": header["points"],
+        "plan": header["plan"],
+        "facility": header["facility"],
+        "software": f"goniotwin {header['software_version']}",
+    }
+    if journal_digest is not None:
+        attributes["journal_digest"] = journal_digest
+    return attributes
