@@ -1,0 +1,351 @@
+"""The scan: one thread that ties plan, safety, motion, light, readings and journal, and says what it does.
+
+Whatever happens, a scan ends in an orderly way: arms at rest, shutter closed, emission off, journal complete,
+and every point either measured or marked with the reason why not.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from drivers.errors import CommandRefused, CommunicationError, DeviceError, DeviceFault
+from instrument.acquisition import REPEATED, Overloaded
+from instrument.attendance import Attendance
+from instrument.bus import EventBus
+from instrument.control import AbortAsked, Controls, HaltAsked
+from instrument.evaluation import Evaluator
+from instrument.events import (
+    Geometry,
+    PointMeasured,
+    PointSkipped,
+    PointStarted,
+    ReferenceMeasured,
+    ScanEnded,
+    ScanStarted,
+)
+from instrument.job import ScanJob
+from instrument.motion import MotionFailed
+from instrument.mounting import change_sample
+from instrument.operators import Mounted
+from instrument.progress import Progress
+from instrument.reporter import Reporter
+from instrument.safety import CheckedPlan, Pose, check_plan
+from instrument.states import State
+from instrument.station import Station
+
+log = logging.getLogger(__name__)
+S = State
+Outcome = Literal["finished", "aborted", "halted", "faulted"]
+#: Through which state a scan goes to its final one, and the outcome's name.
+_ENDS: dict[Outcome, tuple[State | None, State]] = {
+    "finished": (S.FINISHING, S.FINISHED),
+    "aborted": (S.ABORTING, S.ABORTED),
+    "halted": (None, S.HALTED),
+    "faulted": (S.FAULTING, S.FAULTED),
+}
+
+
+class InstrumentFaulty(DeviceError):
+    """Points failed in a way that makes going on pointless."""
+
+
+class ScanEngine:
+    """Runs one scan on a thread of its own.
+
+    Attributes
+    ----------
+    error
+        What ended the scan early, if anything but a person did.
+    """
+
+    def __init__(self, job: ScanJob, bus: EventBus) -> None:
+        self._job = job
+        self._controls = Controls(job.clock)
+        self._report = Reporter(job.clock, job.journal, bus)
+        self._evaluator = Evaluator(job.facility)
+        self._progress = Progress(len(job.plan), job.previous.points if job.previous else ())
+        self._begun: set[int] = set()
+        self._failures = 0
+        self._station: Station | None = None
+        self._ended = threading.Event()
+        self._end: ScanEnded | None = None
+        self._thread = threading.Thread(target=self._run, name="scan engine", daemon=True)
+        self.error: Exception | None = None
+
+    @property
+    def state(self) -> State:
+        """What the scan is doing."""
+        return self._report.state
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def pause(self, *, now: bool = False, reason: str = "asked by a person") -> None:
+        """Rest after the point at hand, or at once (the point is then repeated)."""
+        self._controls.pause(now=now, reason=reason)
+
+    def resume(self) -> None:
+        """Go on after a pause or a suspension."""
+        self._controls.resume()
+
+    def abort(self, reason: str = "asked by a person") -> None:
+        """End in an orderly way."""
+        self._controls.abort(reason)
+
+    def halt(self, reason: str = "asked by a person") -> None:
+        """Stop everything at once."""
+        self._controls.halt(reason)
+
+    def wait(self, timeout: float | None = None) -> ScanEnded | None:
+        """Wait (wall-clock seconds) for the end; None where it has not come."""
+        return self._end if self._ended.wait(timeout) else None
+
+    def _run(self) -> None:
+        outcome: Outcome = "finished"
+        try:
+            self._scan()
+            reason = self._progress.summary()
+        except HaltAsked as request:
+            outcome, reason = "halted", request.reason
+        except AbortAsked as request:
+            outcome, reason = "aborted", request.reason
+        except Exception as error:
+            # Whatever went wrong, the laboratory has to be made safe and the run closed honestly.
+            log.debug("scan failed", exc_info=True)
+            self.error = error
+            outcome, reason = "faulted", str(error) or type(error).__name__
+        try:
+            self._finish(outcome, reason)
+        except Exception as error:
+            log.debug("the end of the scan failed", exc_info=True)
+            self.error = self.error or error
+            self._announce_end("faulted", "; then: ".join(filter(None, (reason, str(error)))), None)
+
+    def _scan(self) -> None:
+        for record in self._job.previous.references if self._job.previous else ():
+            self._evaluator.add_reference(Geometry.model_validate(record["geometry"]), record)
+        if not self._progress.missing():
+            self._announce_start(0.0)
+            return
+        self._report.to(S.CONNECTING)
+        station = self._station = Station(
+            self._job.connect(),
+            self._job.facility.arms,
+            self._job.clock,
+            self._controls,
+            self._job.settings,
+            self._report.decision,
+            self._report.note,
+        )
+        self._controls.checkpoint()
+        self._report.to(S.PREFLIGHT)
+        self._preflight(station)
+        attendance = Attendance(station, self._report, self._controls, self._job.settings)
+        self._report.to(S.HOMING)
+        for axis in station.laboratory.axes():
+            attendance.attended(S.HOMING, partial(station.mover.home, axis))
+        self._calibrate(station, attendance)
+        for index in self._progress.missing():
+            self._attempt_point(station, attendance, index)
+
+    def _preflight(self, station: Station) -> None:
+        """Everything that can be known to be wrong is found here, before anything moves.
+
+        Raises
+        ------
+        InputError, SafetyError
+            If the plan leads where an arm must not go.
+        DeviceFault
+            If an axis or the source reports a fault.
+        """
+        station.acquisition.shut()
+        axes = station.laboratory.axes()
+        statuses = {name: axis.status() for name, axis in axes.items()}
+        faults = {name: status.fault for name, status in statuses.items()}
+        faults["source"] = station.laboratory.source.fault()
+        for name, fault in faults.items():
+            if fault:
+                raise DeviceFault(name, fault, "clear the fault before a scan")
+        # An arm that is not homed will stand at its zero once it is.
+        start = station.pose() if all(s.homed for s in statuses.values()) else Pose(0.0, 0.0, 0.0)
+        total = len(self._job.plan)
+        stops = [(f"reference {i + 1}", geometry) for i, geometry in self._job.missing_references()]
+        stops += [(f"point {i + 1} of {total}", self._job.plan.points[i]) for i in self._progress.missing()]
+        checked = check_plan(stops, start, station.envelope)
+        self._announce_start(self._estimate(checked))
+        if checked.detours:
+            self._report.note(f"{checked.detours} moves lead around the shadow cone")
+
+    def _estimate(self, checked: CheckedPlan) -> float:
+        settings = self._job.settings
+        moves = sum(len(legs) for legs in checked.routes)
+        return checked.moving_time + moves * settings.motion.poll + len(checked.routes) * settings.dwell
+
+    def _calibrate(self, station: Station, attendance: Attendance) -> None:
+        """Read the reference, then have the sample put on the stage."""
+        to_read = self._job.missing_references()
+        if to_read:
+            self._mount("reference", station, attendance)
+            self._report.to(S.REFERENCING)
+            for index, geometry in to_read:
+                attendance.attended(S.REFERENCING, partial(self._read_reference, station, index, geometry))
+        self._mount("sample", station, attendance)
+
+    def _mount(self, what: Mounted, station: Station, attendance: Attendance) -> None:
+        """Let hands at the stage: arms at rest, shutter closed, source off unless told otherwise."""
+
+        def mount() -> None:
+            station.rest()
+            if not self._job.settings.emission_while_mounting:
+                station.light.off()
+            change_sample(self._job.operator, what, self._controls)
+            self._report.note(f"{what} on the stage")
+
+        self._report.to(S.MOUNTING, f"{what} to be put on the stage")
+        attendance.attended(S.MOUNTING, mount)
+        attendance.attended(S.MOUNTING, attendance.light_up)
+
+    def _read_reference(self, station: Station, index: int, geometry: Geometry) -> None:
+        station.go(geometry)
+        burst, record = station.read(self._job.plan.samples)
+        if burst.quality_flag & ~REPEATED:
+            raise Overloaded("detector", "saturated by the reference at its lowest gain", "reduce the source's power")
+        self._report.record("reference", index=index, geometry=geometry, **record)
+        self._evaluator.add_reference(geometry, record)
+        self._report.publish(
+            ReferenceMeasured(
+                time=record["time"],
+                index=index,
+                sensor_azimuth=geometry.sensor_azimuth,
+                current=burst.current,
+                relative_standard_error=burst.relative_standard_error,
+            )
+        )
+
+    def _attempt_point(self, station: Station, attendance: Attendance, index: int) -> None:
+        """Measure a point, or mark it and say why not."""
+        try:
+            attendance.attended(S.MOVING, partial(self._measure_point, station, index))
+        except MotionFailed as error:
+            if not error.at_rest:
+                raise
+            self._skip(station, index, error)
+        except (CommunicationError, CommandRefused, Overloaded) as error:
+            self._skip(station, index, error)
+        else:
+            self._failures = 0
+
+    def _measure_point(self, station: Station, index: int) -> None:
+        plan, progress = self._job.plan, self._progress
+        geometry = plan.points[index]
+        self._report.to(S.MOVING, f"point {index + 1} of {progress.total}")
+        self._report.publish(PointStarted(time=self._report.now(), index=index, geometry=geometry))
+        progress.begin()
+        station.go(geometry)
+        self._report.to(S.MEASURING)
+        repeated = REPEATED if index in self._begun else 0
+        self._begun.add(index)
+        burst, record = station.read(plan.samples)
+        record["quality_flag"] |= repeated
+        brf, u_brf = self._evaluator.brf(geometry, record)
+        self._report.record("point", index=index, geometry=geometry, **record)
+        progress.done(index)
+        if burst.quality_flag & ~REPEATED:
+            self._report.tell("warning", f"point {index + 1}: the detector is saturated at its lowest gain: flagged")
+        self._report.publish(
+            PointMeasured(
+                time=record["time"],
+                index=index,
+                geometry=geometry,
+                brf=brf,
+                u_brf=u_brf,
+                signal=burst.samples,
+                dark=burst.dark,
+                gain=burst.gain,
+                quality_flag=record["quality_flag"],
+                done=len(progress.measured),
+                total=progress.total,
+                time_left_s=progress.time_left(),
+            )
+        )
+
+    def _skip(self, station: Station, index: int, error: DeviceError) -> None:
+        """Bring the instrument to rest, mark the point, and decide whether to go on."""
+        settings = self._job.settings
+        station.rest()
+        geometry, now = self._job.plan.points[index], self._report.now()
+        self._report.record("skipped", index=index, geometry=geometry, time=now, reason=str(error))
+        self._progress.skipped.add(index)
+        self._failures += 1
+        self._report.publish(PointSkipped(time=now, index=index, geometry=geometry, reason=str(error)))
+        if settings.after_failure == "end" or self._failures >= settings.failures_in_a_row:
+            raise InstrumentFaulty(
+                error.device, f"{error.problem}; failed at {self._failures} point(s) in a row", error.advice
+            )
+
+    def _finish(self, outcome: Outcome, reason: str) -> None:
+        """Safe state first, then the records."""
+        problems = self._make_safe()
+        if problems and outcome == "finished":
+            self.error = problems[0]
+            outcome, reason = "faulted", f"all measured, but not brought into the safe state: {problems[0]}"
+        before, final = _ENDS[outcome]
+        if before is not None:
+            self._report.to(before, reason)
+        progress = self._progress
+        self._report.record(
+            "ended",
+            time=self._report.now(),
+            outcome=outcome,
+            reason=reason,
+            measured=len(progress.measured),
+            skipped=sorted(progress.skipped),
+            not_reached=progress.missing(),
+        )
+        self._report.to(final, reason)
+        self._report.close()
+        self._announce_end(outcome, reason, self._job.derive())
+
+    def _make_safe(self) -> list[DeviceError]:
+        if self._station is None:
+            return []
+        problems = self._station.make_safe()
+        for problem in problems:
+            self._report.tell("error", f"not brought into its safe state: {problem}", "look at the instrument")
+        self._station.laboratory.close()
+        return problems
+
+    def _announce_start(self, duration: float) -> None:
+        job, files = self._job, self._job.files
+        self._progress.expect(duration / job.clock.speed)
+        self._report.publish(
+            ScanStarted(
+                time=self._report.now(),
+                run_dir=str(files.run_dir),
+                title=job.plan.title,
+                points=job.plan.points,
+                done=tuple(sorted(self._progress.measured)),
+                duration_s=duration,
+                clock_speed=job.clock.speed,
+                facility=str(files.facility) if files.facility else None,
+                artifact=str(files.artifact) if files.artifact else None,
+                material=str(files.material) if files.material else None,
+            )
+        )
+
+    def _announce_end(self, outcome: Outcome, reason: str, run_file: Path | None) -> None:
+        self._end = ScanEnded(
+            time=self._report.now(),
+            outcome=outcome,
+            done=len(self._progress.measured),
+            total=self._progress.total,
+            reason=reason,
+            run_file=str(run_file) if run_file else None,
+        )
+        self._report.publish(self._end)
+        self._ended.set()

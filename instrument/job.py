@@ -1,0 +1,75 @@
+"""What an engine is given: one scan, ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.clock import Clock
+from drivers.interfaces import Laboratory
+from instrument.events import Geometry
+from instrument.facility import Facility
+from instrument.journal import Journal, JournalContent
+from instrument.operators import Operator
+from instrument.plan import Plan
+from instrument.settings import ScanSettings
+
+
+@dataclass(frozen=True)
+class ScanFiles:
+    """The run folder and the copies in it of what describes the scan."""
+
+    run_dir: Path
+    facility: Path | None = None
+    artifact: Path | None = None
+    material: Path | None = None
+
+
+@dataclass(frozen=True)
+class ScanJob:
+    """One scan.
+
+    Attributes
+    ----------
+    connect
+        Opens every wire and asks every device who it is; called on the engine's thread.
+    journal
+        Open for writing; the engine closes it.
+    previous
+        What the journal already held: none of it is measured again.
+    derive
+        Makes ``run.nc`` from the journal; returns its path, None where there is nothing to make it of.
+    """
+
+    plan: Plan
+    facility: Facility
+    connect: Callable[[], Laboratory]
+    clock: Clock
+    journal: Journal
+    operator: Operator
+    files: ScanFiles
+    previous: JournalContent | None = None
+    derive: Callable[[], Path | None] = lambda: None
+    settings: ScanSettings = field(default_factory=ScanSettings)
+
+    def references(self) -> list[tuple[int, Geometry]]:
+        """Every reading of the reference that this plan needs: each azimuth at each wavelength, numbered."""
+        known = self.facility.reference
+        wavelengths = dict.fromkeys(point.wavelength for point in self.plan.points)
+        geometries = [
+            Geometry(
+                wavelength=wavelength,
+                illumination_zenith=known.illumination_zenith,
+                sensor_zenith=known.sensor_zenith,
+                sensor_azimuth=azimuth,
+            )
+            for wavelength in wavelengths
+            for azimuth in known.sensor_azimuth
+        ]
+        return list(enumerate(geometries))
+
+    def missing_references(self) -> list[tuple[int, Geometry]]:
+        """Those not in the journal yet."""
+        read = {int(record["index"]) for record in self.previous.references} if self.previous else set()
+        return [(index, geometry) for index, geometry in self.references() if index not in read]
