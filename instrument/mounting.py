@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 
 from instrument.control import AbortAsked, Controls
 from instrument.operators import Mounted, Operator
+
+log = logging.getLogger(__name__)
 
 
 class OperatorFailed(RuntimeError):
@@ -30,6 +33,7 @@ def change_sample(operator: Operator, what: Mounted, controls: Controls) -> None
         except KeyboardInterrupt as error:
             failures.append(error)
         except Exception as error:
+            log.debug("operator failed", exc_info=True)
             failures.append(error)
 
     thread = threading.Thread(target=hands, name=f"mount {what}", daemon=True)
