@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -22,9 +24,6 @@ def match_points(
 ) -> NDArray[np.int64]:
     """Rows of the prediction that belong to the rows of the measurement.
 
-    Directions are compared, not numbers: sensor zenith -30 at azimuth 0 is zenith 30 at azimuth 180. Where several
-    predicted points share a direction (zenith 0 at every azimuth) the one with the same angles is taken.
-
     Parameters
     ----------
     measurement, prediction
@@ -41,18 +40,26 @@ def match_points(
     InputError
         If a measured point has no prediction; names the first such point and the nearest prediction.
     """
+    found = find_points(measurement, prediction)
+    if np.any(found < 0):
+        names = np.arange(len(found)) if rows is None else rows
+        raise InputError(_explain(geometry_table(measurement), geometry_table(prediction), found, names))
+    return found
+
+
+def find_points(measurement: xr.Dataset, prediction: xr.Dataset) -> NDArray[np.int64]:
+    """Like :func:`match_points`, but -1 where a measured point has no prediction.
+
+    Directions are compared, not numbers: sensor zenith -30 at azimuth 0 is zenith 30 at azimuth 180. Where several
+    predicted points share a direction (zenith 0 at every azimuth) the one with the same angles is taken.
+    """
     wanted, offered = geometry_table(measurement), geometry_table(prediction)
     if wanted.shape == offered.shape and np.allclose(wanted, offered, rtol=0, atol=0.1 * ANGLE_TOLERANCE):
         return np.arange(len(wanted))
     if not len(offered):
-        raise InputError("the prediction has no points")
-    tree = cKDTree(_features(offered))
-    candidates = tree.query_ball_point(_features(wanted), r=1.0)
-    lonely = [row for row, found in enumerate(candidates) if not found]
-    if lonely:
-        names = np.arange(len(wanted)) if rows is None else rows
-        raise InputError(_explain(wanted, offered, tree, lonely, names))
-    return np.array([_closest(wanted[row], offered, found) for row, found in enumerate(candidates)], dtype=np.int64)
+        return np.full(len(wanted), -1)
+    candidates: Any = cKDTree(_features(offered)).query_ball_point(_features(wanted), r=1.0)
+    return np.array([_closest(wanted[row], offered, near) for row, near in enumerate(candidates)], dtype=np.int64)
 
 
 def geometry_table(dataset: xr.Dataset) -> FloatArray:
@@ -92,17 +99,18 @@ def _features(table: FloatArray) -> FloatArray:
 
 
 def _closest(wanted: FloatArray, offered: FloatArray, candidates: list[int]) -> int:
+    if not candidates:
+        return -1
     distance = np.abs(offered[candidates] - wanted).sum(axis=-1)
     return candidates[int(np.argmin(distance))]
 
 
-def _explain(
-    wanted: FloatArray, offered: FloatArray, tree: cKDTree, lonely: list[int], names: NDArray[np.int64]
-) -> str:
-    row = lonely[0]
-    _, nearest = tree.query(_features(wanted[row : row + 1])[0])
+def _explain(wanted: FloatArray, offered: FloatArray, found: NDArray[np.int64], names: NDArray[np.int64]) -> str:
+    lonely = np.flatnonzero(found < 0)
+    row = int(lonely[0])
     others = f" ({len(lonely)} of {len(wanted)} measured points have none)" if len(lonely) > 1 else ""
-    return (
-        f"point {names[row]} has no prediction{others}: measured at {describe_geometry(wanted[row])};"
-        f" the nearest predicted point, {nearest}, is at {describe_geometry(offered[nearest])}"
-    )
+    text = f"point {names[row]} has no prediction{others}: measured at {describe_geometry(wanted[row])}"
+    if not len(offered):
+        return f"{text}; the prediction has no points"
+    nearest = int(np.argmin(np.linalg.norm(_features(offered) - _features(wanted[row : row + 1]), axis=-1)))
+    return f"{text}; the nearest predicted point, {nearest}, is at {describe_geometry(offered[nearest])}"

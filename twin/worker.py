@@ -41,6 +41,10 @@ class WorkerCrashed(WorkerError):
     """The process ended, or was ended because it did not answer in time."""
 
 
+class TwinUnusable(RuntimeError):
+    """The process runs, but no twin can be built in it: a broken installation. Trying again does not help."""
+
+
 class WorkerUnavailable(WorkerError):
     """The process crashed too often lately; ``retry_after_s`` tells when it may be started again."""
 
@@ -155,9 +159,9 @@ class PredictionWorker:
         Returns
         -------
         Future
-            Holds a :class:`Prediction`, or raises :class:`WorkerError`, or
-            :class:`~instrument.errors.InputError` if the twin's files are wrong. It can be cancelled until work on it
-            begins.
+            Holds a :class:`Prediction` or raises: :class:`WorkerError` if this attempt failed,
+            :class:`~instrument.errors.InputError` if the twin's files are wrong, :class:`TwinUnusable` if the
+            twin cannot be built for another reason. It can be cancelled until work on it begins.
         """
         if len(indices) != len(geometries) or not len(indices):
             raise ValueError(
@@ -199,7 +203,7 @@ class PredictionWorker:
                 continue
             try:
                 prediction = self._compute(request)
-            except (WorkerError, InputError) as error:
+            except (WorkerError, TwinUnusable, InputError) as error:
                 request.future.set_exception(error)
             except BaseException as error:
                 request.future.set_exception(error)
@@ -214,7 +218,7 @@ class PredictionWorker:
         process = self._running_process()
         reply = process.ask(request.message, self._timeouts.request_s)
         if "failed" in reply:
-            raise _error_of(reply)
+            raise WorkerError(reply["failed"])
         return Prediction(
             indices=request.indices,
             brf=tuple(reply["brf"]),
@@ -236,7 +240,8 @@ class PredictionWorker:
         reply = process.ask({"open": self._settings}, self._timeouts.start_s)
         if "failed" in reply:
             process.kill()
-            raise _error_of(reply)
+            process.bury()
+            raise InputError(reply["failed"]) if reply["bad_input"] else TwinUnusable(reply["failed"])
         return process
 
     def _await_permission(self) -> None:
@@ -287,12 +292,14 @@ class _Process:
                 self._popen.stdin.flush()
                 line = self._popen.stdout.readline()
         if expired.is_set():
+            self._popen.wait()
             raise WorkerCrashed(f"the ray tracing process did not answer within {timeout_s:g} s and was ended")
         if not line.endswith(b"\n"):
             raise WorkerCrashed(self._obituary())
         reply: Json = json.loads(line)
         if reply.get("id") != message.get("id"):
             self.kill()
+            self._popen.wait()
             raise WorkerCrashed(f"the ray tracing process answered request {reply.get('id')}, not {message.get('id')}")
         return reply
 
@@ -350,7 +357,3 @@ def default_threads() -> int:
 def _seed_of(seed: int, indices: Sequence[int], standard_error: float) -> int:
     entropy = [seed, round(standard_error * 1e9), *indices]
     return int(np.random.SeedSequence(entropy).generate_state(1)[0])
-
-
-def _error_of(reply: Json) -> Exception:
-    return InputError(reply["failed"]) if reply["bad_input"] else WorkerError(reply["failed"])

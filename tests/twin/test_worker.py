@@ -18,6 +18,7 @@ from twin.worker import (
     PredictionWorker,
     RestartLimit,
     Timeouts,
+    TwinUnusable,
     WorkerCrashed,
     WorkerError,
     WorkerUnavailable,
@@ -172,6 +173,12 @@ def test_wrong_files_are_an_input_error(worker_of, fake_files):
     fake_files.order(broken="material.nc: variable brf missing")
     with pytest.raises(InputError, match=r"material.nc: variable brf missing"):
         worker_of().predict([0], [geometry(1.0)], 0.01).result(PATIENCE)
+
+
+def test_a_twin_that_cannot_be_built_is_told_apart_from_a_crash(fake_files):
+    paths = (fake_files.facility, fake_files.artifact, fake_files.material)
+    with PredictionWorker(*paths, factory="fake_twin:Missing") as worker, pytest.raises(TwinUnusable, match="Missing"):
+        worker.predict([0], [geometry(1.0)], 0.01).result(PATIENCE)
 
 
 def test_an_exception_in_the_twin_keeps_the_process(worker_of, fake_files):
