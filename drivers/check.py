@@ -9,7 +9,7 @@ from rich.text import Text
 
 from drivers.clock import Clock
 from drivers.configuration import DevicesForm, PlannedDevice, make_devices
-from drivers.errors import ConfigurationError, DeviceError
+from drivers.errors import ConfigurationError, DeviceError, DeviceFault
 from drivers.interfaces import Amplifier, Axis, Detector, Device, LightSource, Shutter, WavelengthSelector
 
 
@@ -95,12 +95,19 @@ def describe(device: Device) -> tuple[str, str]:
     if isinstance(device, WavelengthSelector):
         return f"{device.wavelength():g} nm", ""
     if isinstance(device, Amplifier):
-        return f"{device.gain():.4g} V/A", "overload" if device.overload() else ""
+        return _gain(device), "overload" if device.overload() else ""
     if isinstance(device, Shutter):
         return "open" if device.is_open() else "closed", ""
     if isinstance(device, Detector):
         return f"{device.read(1).samples[0]:.6g} V", ""
     return "", ""
+
+
+def _gain(amplifier: Amplifier) -> str:
+    try:
+        return f"{amplifier.gain():.4g} V/A"
+    except DeviceFault as error:
+        return error.problem  # after power-up no gain is selected yet, which is no failure of the connection
 
 
 def table(results: list[CheckResult]) -> Table:

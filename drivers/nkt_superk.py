@@ -140,11 +140,17 @@ class NktSuperK:
             raise DeviceFault(self.name, f"power reads {found / 10:g} % after it was set to {permille / 10:g} %")
 
     def fault(self) -> str:
-        """Interlock and status faults in words; empty when nothing is wrong."""
+        """Interlock and status faults in words; empty when nothing is wrong.
+
+        An interlock that is closed and only waits for a reset is no fault where ``reset_interlock`` lets the next
+        ``set_emission`` do it.
+        """
         status = self._module.read_unsigned(STATUS)
         problems = [words for bit, words in STATUS_FAULTS.items() if status >> bit & 1]
-        interlock = interlock_words(self._module.read_unsigned(INTERLOCK))
-        return "; ".join(([interlock] if interlock else []) + problems)
+        interlock = self._module.read_unsigned(INTERLOCK)
+        if not (self._options.reset_interlock and interlock & 0xFF == INTERLOCK_WAITING):
+            problems.insert(0, interlock_words(interlock))
+        return "; ".join(filter(None, problems))
 
     def keep_alive(self) -> None:
         """Feed the watchdog: any telegram does."""

@@ -141,11 +141,11 @@ class OrientalAz:
         Raises
         ------
         CommandRefused
-            If the target is outside the travel, the drive is not ready, or it ignores the move.
+            If the target is outside the travel, or the drive is not ready; nothing moves.
         DeviceFault
             If the drive has an alarm.
         CommunicationError
-            If the fate of the command is not clear; the axis is stopped.
+            If the fate of the command is not clear (the axis is stopped), or the drive ignores it.
         """
         self._scale.check_target(self.name, target)
         with self._line.transaction(self.name):
@@ -229,7 +229,7 @@ class OrientalAz:
             if drive & MOVE or arrived():
                 return
             if time.monotonic() > deadline:
-                raise CommandRefused(self.name, f"the drive ignored {what} without an alarm", "it stands still")
+                raise CommunicationError(self.name, f"the drive ignored {what} without an alarm", "it stands still")
             time.sleep(ACCEPT_PAUSE)
 
     def _stopped_after(self, command: str, error: CommunicationError) -> CommunicationError:
