@@ -47,11 +47,14 @@ class SurfaceMesh:
         Indices of the corners, counter-clockwise seen from outside.
     labels, shape (face,)
         :class:`Surface` of every face.
+    opening
+        Width of the widest opening in mm; infinite where it is not known.
     """
 
     vertices: FloatArray
     faces: IntArray
     labels: NDArray[np.uint8]
+    opening: float = np.inf
 
     def corners(self) -> FloatArray:
         """Corner points, shape (face, 3, 3)."""
@@ -118,7 +121,7 @@ def square_pit(outline: float, opening: float, depth: float) -> SurfaceMesh:
     builder.tube(inner, -depth, 0.0, Surface.HOLE_WALL)
     builder.plane(inner, cells.fan(inner), -depth, Surface.FLOOR)
     builder.outer_box((outline, outline), -depth - 5.0, 0.0)
-    return builder.mesh()
+    return builder.mesh(opening)
 
 
 def to_polydata(mesh: SurfaceMesh) -> Any:
@@ -217,7 +220,7 @@ class _Builder:
         corners = cells.rectangle(*half)
         self.plane(corners, cells.fan(corners), bottom, Surface.OUTSIDE, down=True)
 
-    def mesh(self) -> SurfaceMesh:
+    def mesh(self, opening: float = 0.0) -> SurfaceMesh:
         vertices, faces = np.concatenate(self._vertices), np.concatenate(self._faces)
         labels = np.concatenate(self._labels)
         groups = cells.cluster(vertices, _MERGE_DISTANCE)
@@ -226,7 +229,7 @@ class _Builder:
         proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
         mesh = SurfaceMesh(vertices[first], faces[proper], labels[proper])
         thick = mesh.areas() > 1e-10
-        return SurfaceMesh(mesh.vertices, mesh.faces[thick], mesh.labels[thick])
+        return SurfaceMesh(mesh.vertices, mesh.faces[thick], mesh.labels[thick], opening)
 
 
 def _distinct(values: FloatArray) -> FloatArray:
@@ -260,7 +263,7 @@ def _pierced_plate(form: ArtifactForm, holes: Holes, sides: int) -> SurfaceMesh:
         builder.outer_box(form.outline, floor - form.block_thickness, floor)
     points, faces = _grid(inner, spacing)
     builder.plane(points, faces, floor, Surface.FLOOR)
-    return builder.mesh()
+    return builder.mesh(float(holes.diameter.max()))
 
 
 def _add_hole(builder: _Builder, cell: FloatArray, rim: FloatArray, inner: tuple[float, float], under: float) -> None:

@@ -1,0 +1,111 @@
+"""Scrambled Sobol points inside a Dr.Jit kernel.
+
+Every randomisation scrambles the sequence anew (Owen scrambling by the hash of Laine and Karras, in the variant of
+Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020), so the scatter between randomisations is an honest
+standard error, and each keeps the fast convergence of the sequence.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Indices below 2**24 are distinct points.
+INDEX_BITS = 24
+DIMENSIONS = 22
+_BYTES = INDEX_BITS // 8
+
+
+@lru_cache(maxsize=1)
+def byte_tables() -> NDArray[np.uint32]:
+    """Sobol points by bytes of the index, bit-reversed, shape (DIMENSIONS, 3, 256).
+
+    The coordinate of index n is the exclusive or of the three entries of its bytes; stored with reversed bits
+    because the scrambling works on those.
+    """
+    vectors = _direction_vectors()
+    index = np.arange(256, dtype=np.uint32)
+    tables = np.zeros((DIMENSIONS, _BYTES, 256), dtype=np.uint32)
+    for byte in range(_BYTES):
+        for bit in range(8):
+            chosen = ((index >> np.uint32(bit)) & np.uint32(1)).astype(bool)
+            tables[:, byte] ^= np.where(chosen, vectors[:, 8 * byte + bit, None], np.uint32(0))
+    return _reversed_bits(tables)
+
+
+def _direction_vectors() -> NDArray[np.uint32]:
+    """Direction numbers of Joe and Kuo, shape (DIMENSIONS, INDEX_BITS): what one index bit contributes.
+
+    SciPy counts in Gray code; the Gray code of 2**(k+1) - 1 is the single bit k.
+    """
+    from scipy.stats import qmc
+
+    vectors = np.empty((DIMENSIONS, INDEX_BITS), dtype=np.uint32)
+    for bit in range(INDEX_BITS):
+        sequence = qmc.Sobol(DIMENSIONS, scramble=False, bits=32)
+        sequence.fast_forward(2 ** (bit + 1) - 1)
+        vectors[:, bit] = np.round(sequence.random(1)[0] * 2.0**32).astype(np.uint64).astype(np.uint32)
+    return vectors
+
+
+def _reversed_bits(values: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    bits = np.unpackbits(values[..., None].view(np.uint8), axis=-1, bitorder="little")
+    return np.packbits(bits[..., ::-1], axis=-1, bitorder="little").view(np.uint32)[..., 0]
+
+
+class Points:
+    """Draws coordinates of scrambled Sobol points in a kernel."""
+
+    def __init__(self, mi: Any, dr: Any) -> None:
+        self._mi, self._dr = mi, dr
+        self._tables = mi.UInt32(byte_tables().ravel())
+
+    def coordinate(self, index: Any, dimension: Any, seed: Any, active: Any) -> Any:
+        """Coordinate in [0, 1) of point ``index`` (below 2**24); a dimension past the last is pseudo-random."""
+        mi, dr = self._mi, self._dr
+        dimension = mi.UInt32(dimension)
+        inside = dimension < DIMENSIONS
+        base = dr.minimum(dimension, DIMENSIONS - 1) * (256 * _BYTES)
+        bits = dr.gather(mi.UInt32, self._tables, base + (index & 255), active)
+        bits ^= dr.gather(mi.UInt32, self._tables, base + 256 + ((index >> 8) & 255), active)
+        bits ^= dr.gather(mi.UInt32, self._tables, base + 512 + ((index >> 16) & 255), active)
+        own = mix(seed + dimension * 0x9E3779B9)
+        bits = dr.select(inside, bits, mix(index ^ own))
+        return to_unit(mi, dr.brev(scramble(bits, own)))
+
+
+def scramble(bits: Any, seed: Any) -> Any:
+    """Owen scrambling of bit-reversed coordinates: each bit is flipped by a hash of the more significant ones."""
+    bits = bits ^ (bits * 0x3D20ADEA)
+    bits = bits + seed
+    bits = bits * ((seed >> 16) | 1)
+    bits = bits ^ (bits * 0x05526C56)
+    return bits ^ (bits * 0x53A22864)
+
+
+def mix(value: Any) -> Any:
+    """Hash of 32 bits (Wellons, "lowbias32"): works on Dr.Jit arrays."""
+    value = value ^ (value >> 16)
+    value = value * 0x7FEB352D
+    value = value ^ (value >> 15)
+    value = value * 0x846CA68B
+    return value ^ (value >> 16)
+
+
+def mix_numpy(value: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """:func:`mix` for NumPy arrays."""
+    value = np.asarray(value, dtype=np.uint64)
+    mask = np.uint64(0xFFFFFFFF)
+    value = value ^ (value >> np.uint64(16))
+    value = (value * np.uint64(0x7FEB352D)) & mask
+    value = value ^ (value >> np.uint64(15))
+    value = (value * np.uint64(0x846CA68B)) & mask
+    return (value ^ (value >> np.uint64(16))).astype(np.uint32)
+
+
+def to_unit(mi: Any, bits: Any) -> Any:
+    """The upper 24 bits as a float in [0, 1)."""
+    return mi.Float(bits >> 8) * (2.0**-24)

@@ -1,0 +1,191 @@
+"""Sight lines and light inside the tracing kernel, and the records that carry a geometry into it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.angles import FloatArray
+from twin.optics import Footprint, Layout
+from twin.kernel_math import larger, smaller, standard_normal, uniform_disc
+from twin.sequence import Points, mix
+
+#: Columns of a geometry's record, by name.
+_WIDTHS = {
+    "target": 3,
+    "along": 3,
+    "across": 3,
+    "view": 3,
+    "mirror_along": 3,
+    "mirror_across": 3,
+    "inverse_distance": 1,
+    "light": 3,
+    "light_u": 3,
+    "light_v": 3,
+    "beam": 3,
+    "radius": 1,
+    "decay": 1,
+    "inverse_source": 1,
+    "divergence_rad": 1,
+    "table": 1,
+    "key_high": 1,
+    "key_low": 1,
+    "share_top": 1,
+    "share_depth": 1,
+    "centre": 2,
+    "frame": 4,
+    "inverse": 4,
+    "sweep": 2,
+    "length": 1,
+}
+_STARTS = dict(zip(_WIDTHS, np.cumsum([0, *_WIDTHS.values()]).tolist(), strict=False))
+RECORD = sum(_WIDTHS.values())
+_LARGE = 1e9
+_DIVERGENCE_SALT = 0x632BE59B
+
+
+def records(
+    layout: Layout,
+    table_index: NDArray[np.int64],
+    footprint: Footprint,
+    shares: FloatArray,
+    keys: NDArray[np.uint32],
+) -> FloatArray:
+    """Pack geometries for the kernel, shape (point, RECORD).
+
+    Parameters
+    ----------
+    shares, shape (point, 2)
+        Shares of the sight lines through the lit plate top and through the lit depth.
+    keys, shape (point,)
+        Numbers that tell geometries apart.
+    """
+    count = len(layout)
+    values = {name: getattr(layout, name) for name in _WIDTHS if hasattr(layout, name)}
+    values |= {name: getattr(footprint, name) for name in ("centre", "frame", "inverse", "sweep", "length")}
+    values["radius"] = np.minimum(layout.radius, _LARGE)
+    values["table"] = table_index
+    values["key_high"], values["key_low"] = keys >> 16, keys & 0xFFFF  # exact in single precision
+    values["share_top"], values["share_depth"] = shares[:, 0], shares[:, 1]
+    return np.concatenate([np.asarray(values[name], dtype=float).reshape(count, -1) for name in _WIDTHS], axis=1)
+
+
+class Lane:
+    """One lane's geometry, loaded from its record.
+
+    Parameters
+    ----------
+    data
+        Records of all geometries, flat.
+    geometry
+        Index of each lane's geometry.
+    square, box
+        Shape of the target; corners of a box around the sample.
+    diverging
+        Whether any beam diverges; without, no random numbers are spent on it.
+    """
+
+    def __init__(
+        self, mi: Any, dr: Any, data: Any, geometry: Any, points: Points, *, square: Any, box: Any, diverging: bool
+    ) -> None:
+        self._mi, self._dr, self._points = mi, dr, points
+        self._square, self._box, self._diverging = square, box, diverging
+        base = geometry * RECORD
+        self._value = {
+            name: [dr.gather(mi.Float, data, base + _STARTS[name] + k) for k in range(width)]
+            for name, width in _WIDTHS.items()
+        }
+        self.table = mi.UInt32(self._value["table"][0])
+        self.key = (mi.UInt32(self._value["key_high"][0]) << 16) | mi.UInt32(self._value["key_low"][0])
+
+    def _vector(self, name: str) -> Any:
+        return self._mi.Vector3f(*self._value[name])
+
+    def _scalar(self, name: str) -> Any:
+        return self._value[name][0]
+
+    def sight_line(self, number: Any, seed: Any, active: Any) -> tuple[Any, Any, Any]:
+        """Start a path: a ray from the sensor, entering the box around the sample.
+
+        Returns
+        -------
+        origin, heading, weight
+            The weight is the density of the sensor's rays over that of the choice; zero for a ray that misses.
+        """
+        mi, dr = self._mi, self._dr
+        u, v, s, t = (self._points.coordinate(number, k, seed, active) for k in range(4))
+        x, y, weight = self._target_point(u, v)
+        mirror = uniform_disc(mi, dr, s, t)
+        offset = self._vector("along") * x + self._vector("across") * y
+        lever = self._vector("mirror_along") * mirror.x + self._vector("mirror_across") * mirror.y - offset
+        towards = dr.normalize(self._vector("view") + lever * self._scalar("inverse_distance"))
+        target = mi.Point3f(self._vector("target") + offset)
+        lower = (self._box[0] - target) / towards
+        upper = (self._box[1] - target) / towards
+        far = [larger(dr, a, b) for a, b in zip(lower, upper, strict=True)]
+        near = [smaller(dr, a, b) for a, b in zip(lower, upper, strict=True)]
+        enters = smaller(dr, smaller(dr, far[0], far[1]), far[2])  # coming from the sensor
+        leaves = larger(dr, larger(dr, near[0], near[1]), near[2])
+        weight = dr.select(leaves < enters, weight, 0.0)
+        return target + towards * enters, -towards, weight
+
+    def _target_point(self, u: Any, v: Any) -> tuple[Any, Any, Any]:
+        """Choose a point of the target from the mixture; weight by the balance heuristic (Veach 1997, 9.2)."""
+        mi, dr = self._mi, self._dr
+        top, deep = self._scalar("share_top"), self._scalar("share_depth")
+        rest = 1.0 - top - deep
+        is_top, is_deep = u < top, (u >= top) & (u < top + deep)
+        low = dr.select(is_top, 0.0, dr.select(is_deep, top, top + deep))
+        share = dr.select(is_top, top, dr.select(is_deep, deep, rest))
+        own = smaller(dr, (u - low) / larger(dr, share, 1e-6), 1.0 - 2.0**-24)
+        disc = uniform_disc(mi, dr, own, v)
+        centre_x, centre_y = self._value["centre"]
+        a, b, c, d = self._value["frame"]
+        sweep_x, sweep_y = self._value["sweep"]
+        length = self._scalar("length")
+        progress, aside = (2.0 + length) * own - 1.0, 2.0 * v - 1.0
+        p = dr.select(is_deep, sweep_x * progress - sweep_y * aside, disc.x)
+        q = dr.select(is_deep, sweep_y * progress + sweep_x * aside, disc.y)
+        lit = is_top | is_deep
+        x = dr.select(lit, centre_x + a * p + b * q, dr.select(self._square, 2.0 * own - 1.0, disc.x))
+        y = dr.select(lit, centre_y + c * p + d * q, dr.select(self._square, aside, disc.y))
+        # Densities of the three ways of choosing, at the point chosen.
+        e, f, g, h = self._value["inverse"]
+        p = e * (x - centre_x) + f * (y - centre_y)
+        q = g * (x - centre_x) + h * (y - centre_y)
+        progress, aside = p * sweep_x + q * sweep_y, q * sweep_x - p * sweep_y
+        scale = dr.abs(e * h - f * g)
+        in_top = p * p + q * q <= 1.0
+        in_deep = (dr.abs(aside) <= 1.0) & (progress >= -1.0) & (progress <= 1.0 + length)
+        inside = dr.select(self._square, (dr.abs(x) <= 1.0) & (dr.abs(y) <= 1.0), x * x + y * y <= 1.0)
+        whole = dr.select(self._square, 0.25, dr.inv_pi)
+        chosen = (
+            dr.select(in_top, top * scale * dr.inv_pi, 0.0)
+            + dr.select(in_deep, deep * scale / (2.0 * (2.0 + length)), 0.0)
+            + rest * whole
+        )
+        return x, y, dr.select(inside, whole / chosen, 0.0)
+
+    def illuminate(self, place: Any, index: Any, depth: Any, seed: Any) -> tuple[Any, Any]:
+        """Direction to the light at a place, and the irradiance normal to it over that on the beam's axis."""
+        mi, dr = self._mi, self._dr
+        axis, beam = self._vector("light"), self._vector("beam")
+        offset = mi.Vector3f(place) - beam
+        to_source = axis - offset * self._scalar("inverse_source")
+        squared = dr.squared_norm(to_source)
+        towards = to_source * dr.rsqrt(squared)
+        if self._diverging:
+            salt = seed + _DIVERGENCE_SALT + depth
+            u = mi.Float(mix(index ^ salt) >> 8) * 2.0**-24
+            v = mi.Float(mix(index + mix(salt)) >> 8) * 2.0**-24
+            deviation = standard_normal(mi, dr, u, v) * self._scalar("divergence_rad")
+            towards = dr.normalize(
+                towards + self._vector("light_u") * deviation.x + self._vector("light_v") * deviation.y
+            )
+        across = offset - towards * (dr.dot(offset, axis) / dr.dot(towards, axis))
+        radius = dr.squared_norm(across)
+        edge = self._scalar("radius")
+        profile = dr.select(radius <= edge * edge, dr.exp(-self._scalar("decay") * radius), 0.0)
+        return towards, profile / squared
