@@ -89,11 +89,11 @@ class EventBus:
     Parameters
     ----------
     now
-        Laboratory time (UTC) for the messages of the bus itself.
+        Time (UTC) for messages that are not the engine's.
     """
 
     def __init__(self, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
-        self._now = now
+        self.now = now
         self._lock = threading.RLock()
         self._history: list[Event] = []
         self._subscriptions: list[Subscription] = []
@@ -169,7 +169,7 @@ class EventBus:
                 self._subscriptions.remove(subscription)
         self.publish(
             Message(
-                time=self._now(),
+                time=self.now(),
                 level="error",
                 text=f"{subscription.name} failed and no longer follows the scan:"
                 f" {type(subscription.failure).__name__}: {subscription.failure}",

@@ -309,7 +309,17 @@ class ScanEngine:
         )
         self._report.to(final, reason)
         self._report.close()
-        self._announce_end(outcome, reason, self._job.derive())
+        self._announce_end(outcome, reason, self._derive())
+
+    def _derive(self) -> Path | None:
+        """Make the run file; the journal stands whatever happens here."""
+        try:
+            return self._job.derive()
+        except Exception as error:
+            log.debug("no run file", exc_info=True)
+            self.error = self.error or error
+            self._report.tell("error", f"the run file could not be made: {error}", "the journal holds every reading")
+            return None
 
     def _make_safe(self) -> list[DeviceError]:
         if self._station is None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import threading
-import time
 
-from drivers.clock import Clock
 from drivers.errors import DeviceError
 from drivers.interfaces import LightSource, WavelengthSelector
 from instrument.control import Controls, ask, ensure
@@ -31,11 +29,10 @@ class Light:
         self,
         source: LightSource,
         selector: WavelengthSelector,
-        clock: Clock,
         controls: Controls,
         settings: ScanSettings,
     ) -> None:
-        self._source, self._selector, self._clock = source, selector, clock
+        self._source, self._selector = source, selector
         self._controls, self._settings = controls, settings
         self._stop = threading.Event()
         self._feeder: threading.Thread | None = None
@@ -106,17 +103,15 @@ class Light:
             self._feeder = None
 
     def _feed(self) -> None:
-        settings = self._settings
-        period = max(settings.keep_alive / self._clock.speed, settings.keep_alive_wall)
-        patience = max(settings.heartbeat / self._clock.speed, settings.heartbeat_wall)
-        due = time.monotonic()
-        while not self._stop.wait(max(due - time.monotonic(), 0.0)):
-            if self._controls.silence_wall() < patience:
-                try:
-                    self._source.keep_alive()
-                except DeviceError:
-                    # A missed feed is made good by the next one; if none gets through, the source goes dark
-                    # and check() finds out before the next reading is taken.
-                    due = time.monotonic() + settings.keep_alive_wall
-                    continue
-            due = time.monotonic() + period
+        period, patience = self._settings.keep_alive_wall, self._settings.heartbeat_wall
+        wait = 0.0
+        while not self._stop.wait(wait):
+            wait = period
+            if self._controls.silence_wall() > patience:
+                continue
+            try:
+                self._source.keep_alive()
+            except DeviceError:
+                # Made good by the next one; if none gets through, the source goes dark by itself and
+                # check() finds out before the next reading is taken.
+                wait = 0.1 * period

@@ -6,53 +6,34 @@ instrument, brings in the observers and builds the engine. It drives nothing its
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tempfile
+from contextlib import ExitStack
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from instrument.bus import EventBus, Subscription
-from instrument.events import Event, ScanEnded
+from drivers.clock import Clock
+from drivers.configuration import DevicesForm, connect, read_devices
+from instrument.audience import Audience
+from instrument.bus import EventBus, Handler, Subscription
+from instrument.dataset import run_of_journal, write_run
+from instrument.engine import ScanEngine
+from instrument.errors import InputError
+from instrument.events import ScanEnded
+from instrument.job import ScanFiles, ScanJob
+from instrument.journal import Journal, read_journal
+from instrument.laboratories import StartedLaboratory, laboratory_factory
+from instrument.lock import InstrumentLock
 from instrument.operators import Operator
 from instrument.plan import Plan
+from instrument.request import ScanInputs, ScanRequest, complete, header_of, inputs_of
+from instrument.run_folder import RUN_NAME, keep_inputs, make_run_folder
 from instrument.settings import ScanSettings
 from instrument.states import State
 
-
-class ScanRequest(BaseModel):
-    """What a person asks for.
-
-    Attributes
-    ----------
-    plan, facility, artifact, material
-        Files; with ``simulate`` the laboratory's own examples stand in for what is not given. Without it plan and
-        facility are needed; artifact and material serve the twin.
-    simulate, speed, seed
-        Start the simulated laboratory, with a clock so many times faster, and its seed.
-    devices
-        ``devices.toml`` of a laboratory; excludes ``simulate``.
-    out
-        The run folder; ``runs/<UTC time>-<plan>`` by default. Must not hold a run already.
-    twin
-        False leaves out every observer.
-    resume
-        Run folder of an interrupted scan: go on with it. Excludes plan, facility, artifact, material and out.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    plan: Path | None = None
-    simulate: bool = False
-    speed: float = Field(default=1.0, gt=0)
-    seed: int = 1
-    devices: Path | None = None
-    facility: Path | None = None
-    artifact: Path | None = None
-    material: Path | None = None
-    out: Path | None = None
-    twin: bool = True
-    resume: Path | None = None
+__all__ = ["ScanRequest", "ScanSession", "derive_run", "endpoints"]
 
 
 class ScanSession:
@@ -76,20 +57,29 @@ class ScanSession:
         Every event of the scan; usable (:meth:`subscribe`) before ``open``.
     run_dir, plan
         Known after ``open``.
+    laboratory
+        The laboratory that was started for this scan; None for real devices.
     """
 
-    bus: EventBus
     run_dir: Path
     plan: Plan
+    laboratory: StartedLaboratory | None = None
 
     def __init__(
         self, request: ScanRequest, operator: Operator | None = None, settings: ScanSettings | None = None
     ) -> None:
-        raise NotImplementedError
+        self.request = request
+        self.bus = EventBus(self._now)
+        self._operator, self._settings = operator, settings or ScanSettings()
+        self._clock = Clock()
+        self._stack = ExitStack()
+        self._engine: ScanEngine | None = None
+        self._audience: Audience | None = None
+        self._started = False
 
-    def subscribe(self, handler: Callable[[Event], None], name: str = "listener") -> Subscription:
+    def subscribe(self, handler: Handler, name: str = "listener") -> Subscription:
         """Call ``handler`` with every event from the first on, on a thread of its own."""
-        raise NotImplementedError
+        return self.bus.subscribe(handler, name)
 
     def open(self) -> None:
         """Read and check every file, start the laboratory, make the run folder, take the lock; nothing moves.
@@ -101,49 +91,107 @@ class ScanSession:
         InstrumentBusy
             If another program drives this instrument.
         """
-        raise NotImplementedError
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        given = inputs_of(self.request)
+        if given.simulate is not None:
+            folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="goniotwin-")))
+            started = laboratory_factory()(
+                folder,
+                speed=given.simulate.speed,
+                seed=given.simulate.seed,
+                artifact=given.artifact,
+                facility=given.facility,
+            )
+            self.laboratory = self._stack.enter_context(started)
+            given = given.filled(self.laboratory.inputs)
+            self._operator = self._operator or self.laboratory.operator
+        inputs = complete(given)
+        if self._operator is None:
+            raise InputError("nobody is there to change the sample; run the scan from a terminal or the window")
+        devices = read_devices(inputs.devices)
+        self._clock = Clock(devices.clock.speed)
+        self._stack.enter_context(InstrumentLock(endpoints(devices)))
+        self.plan = inputs.plan
+        job = self._job(inputs, devices, self._operator)
+        self._stack.callback(job.journal.close)
+        self._engine = ScanEngine(job, self.bus)
+        if self.request.twin:
+            self._audience = Audience(self.bus)
+            self._stack.callback(self._audience.close)
+
+    def _job(self, inputs: ScanInputs, devices: DevicesForm, operator: Operator) -> ScanJob:
+        if inputs.resumed is None:
+            self.run_dir = make_run_folder(self.request.out, inputs.plan_path)
+            inputs = keep_inputs(inputs, self.run_dir)
+            journal = Journal.create(self.run_dir, header_of(inputs, self._clock.now()))
+        else:
+            self.run_dir = inputs.resumed.path.parent.resolve()
+            journal = Journal.reopen(self.run_dir)
+        return ScanJob(
+            plan=inputs.plan,
+            facility=inputs.facility,
+            connect=partial(connect, devices, self._clock),
+            clock=self._clock,
+            journal=journal,
+            operator=operator,
+            files=ScanFiles(self.run_dir, inputs.facility_path, inputs.artifact, inputs.material),
+            previous=inputs.resumed,
+            derive=partial(derive_run, self.run_dir),
+            settings=self._settings,
+        )
 
     @property
     def state(self) -> State:
         """What the scan is doing."""
-        raise NotImplementedError
+        return self._engine.state if self._engine else State.IDLE
+
+    @property
+    def error(self) -> Exception | None:
+        """What ended the scan early, if anything but a person did."""
+        return self._engine.error if self._engine else None
 
     def start(self) -> None:
         """Begin: the engine connects, checks, and scans on a thread of its own."""
-        raise NotImplementedError
+        self._the_engine.start()
+        self._started = True
 
     def pause(self, *, now: bool = False) -> None:
         """Rest after the point at hand, or at once (the point is then repeated)."""
-        raise NotImplementedError
+        self._the_engine.pause(now=now)
 
     def resume(self) -> None:
         """Go on after a pause or a suspension."""
-        raise NotImplementedError
+        self._the_engine.resume()
 
     def abort(self, reason: str = "asked by a person") -> None:
         """End in an orderly way; what is measured is kept and the run can be resumed."""
-        raise NotImplementedError
+        self._the_engine.abort(reason)
 
     def halt(self, reason: str = "asked by a person") -> None:
         """Stop everything at once."""
-        raise NotImplementedError
+        self._the_engine.halt(reason)
 
     def wait(self, timeout: float | None = None) -> ScanEnded | None:
         """Wait (wall-clock seconds) for the end; None where it has not come."""
-        raise NotImplementedError
-
-    @property
-    def error(self) -> BaseException | None:
-        """What ended the scan early, if anything did."""
-        raise NotImplementedError
+        return self._the_engine.wait(timeout)
 
     def finish(self) -> list[Any]:
         """After the end: let every observer finish; returns what they want printed (rich renderables)."""
-        raise NotImplementedError
+        return self._audience.finish(self.run_dir) if self._audience else []
 
     def close(self) -> None:
         """Abort if still running, then release devices, lock, observers and laboratory. May be repeated."""
-        raise NotImplementedError
+        if self._engine is not None and self._started:
+            self._engine.abort("the program ends")
+            self._engine.wait()
+        self._stack.close()
+        self.bus.close()
 
     def __enter__(self) -> ScanSession:
         self.open()
@@ -153,3 +201,30 @@ class ScanSession:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    @property
+    def _the_engine(self) -> ScanEngine:
+        if self._engine is None:
+            raise RuntimeError("the session is not open")
+        return self._engine
+
+    def _now(self) -> datetime:
+        return self._clock.now()
+
+
+def endpoints(devices: DevicesForm) -> list[str]:
+    """Names of the wires of an instrument, alike in every program that uses them."""
+    names = []
+    for line in devices.lines.values():
+        parts = [str(getattr(line, key)) for key in ("resource", "host", "port") if hasattr(line, key)]
+        names.append(":".join(parts))
+    return names
+
+
+def derive_run(run_dir: Path) -> Path | None:
+    """Make ``run.nc`` of a run folder from its journal; None where no point was measured."""
+    content = read_journal(run_dir)
+    if not content.points:
+        return None
+    write_run(run_of_journal(content), run_dir / RUN_NAME)
+    return run_dir / RUN_NAME

@@ -47,8 +47,8 @@ class ScanSettings(Form):
     dwell
         What a point takes once the arms stand, readings included: with 20 s and short moves a real scan keeps the
         pace of about 2.7 points a minute; what the readings leave of it is settling time.
-    keep_alive, keep_alive_wall
-        The source is fed whenever both have passed; it switches off by itself when the engine hangs for ``heartbeat``.
+    keep_alive_wall, heartbeat_wall
+        Period of feeding the source's watchdog, and how long the engine may be silent until that ends.
     after_failure
         What follows a point that could not be measured: the next one, or an orderly end as faulted.
     failures_in_a_row
@@ -62,10 +62,8 @@ class ScanSettings(Form):
     dwell: Seconds = 20.0
     warm_up: Seconds = 0.0
     source_power: Annotated[float, Field(gt=0, le=1)] = 1.0
-    keep_alive: Seconds = 2.0
-    keep_alive_wall: Seconds = 0.02
-    heartbeat: Seconds = 60.0
-    heartbeat_wall: Seconds = 30.0
+    keep_alive_wall: Annotated[float, Field(gt=0)] = 2.0
+    heartbeat_wall: Annotated[float, Field(gt=0)] = 60.0
     after_failure: Literal["continue", "end"] = "continue"
     failures_in_a_row: Count = 3
     suspend_limit: Seconds = 3600.0

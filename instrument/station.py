@@ -46,7 +46,7 @@ class Station:
         axes = laboratory.axes()
         self.envelope = Envelope.of(arms, {name: axis.limits for name, axis in axes.items()})
         self.mover = Mover(axes, clock, controls, decided, settings.motion)
-        self.light = Light(laboratory.source, laboratory.selector, clock, controls, settings)
+        self.light = Light(laboratory.source, laboratory.selector, controls, settings)
         self.acquisition = Acquisition(
             laboratory.detector,
             laboratory.amplifier,

@@ -1,0 +1,222 @@
+"""What a person asks of a scan, and the files it comes down to. Everything wrong with them is said here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from instrument.artifact import read_artifact
+from instrument.errors import InputError
+from instrument.facility import Facility, read_facility
+from instrument.journal import JournalContent, read_journal
+from instrument.laboratories import Inputs
+from instrument.plan import Plan, read_plan
+
+PLAN_NAME, FACILITY_NAME, ARTIFACT_NAME, MATERIAL_NAME = "plan.toml", "facility.toml", "artifact.toml", "material.nc"
+DEVICES_NAME = "devices.toml"
+
+
+class ScanRequest(BaseModel):
+    """What a person asks for.
+
+    Attributes
+    ----------
+    plan, facility, artifact, material
+        Files; with ``simulate`` the laboratory's own examples stand in for what is not given. Without it plan and
+        facility are needed; artifact and material serve the twin.
+    simulate, speed, seed
+        Start the simulated laboratory, with a clock so many times faster, and its seed.
+    devices
+        ``devices.toml`` of a laboratory; excludes ``simulate``.
+    out
+        The run folder; ``runs/<UTC time>-<plan>`` by default. Must not hold a run already.
+    twin
+        False leaves out every observer.
+    resume
+        Run folder of an interrupted scan: go on with it. Excludes plan, facility, artifact, material and out; the
+        laboratory is the one the run began with unless another is named.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    plan: Path | None = None
+    simulate: bool = False
+    speed: float = Field(default=1.0, gt=0)
+    seed: int = 1
+    devices: Path | None = None
+    facility: Path | None = None
+    artifact: Path | None = None
+    material: Path | None = None
+    out: Path | None = None
+    twin: bool = True
+    resume: Path | None = None
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """How the simulated laboratory is started."""
+
+    speed: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class GivenInputs:
+    """What is known before the laboratory runs; None where its examples are to stand in."""
+
+    plan: Path | None
+    facility: Path | None
+    artifact: Path | None
+    material: Path | None
+    devices: Path | None
+    simulate: Simulation | None
+    resumed: JournalContent | None = None
+
+    def filled(self, examples: Inputs) -> GivenInputs:
+        """With the laboratory's own files where none were given."""
+        return replace(
+            self,
+            plan=self.plan or examples.plan,
+            facility=self.facility or examples.facility,
+            artifact=self.artifact or examples.artifact,
+            material=self.material or examples.material,
+            devices=examples.devices,
+        )
+
+
+@dataclass(frozen=True)
+class ScanInputs:
+    """Everything a scan works from, read and checked."""
+
+    plan: Plan
+    facility: Facility
+    plan_path: Path
+    facility_path: Path
+    artifact: Path | None
+    material: Path | None
+    devices: Path
+    simulate: Simulation | None
+    resumed: JournalContent | None
+
+
+def inputs_of(request: ScanRequest) -> GivenInputs:
+    """The files of a request; those that are given are read, so that nothing starts in vain.
+
+    Raises
+    ------
+    InputError
+        If options exclude each other, one is missing, or a file is wrong.
+    """
+    given = _resumed(request) if request.resume is not None else _new(request)
+    for path in (given.plan, given.material, given.devices):
+        if path is not None and not path.is_file():
+            raise InputError(f"{path}: no such file")
+    if given.artifact is not None:
+        read_artifact(given.artifact)
+    if given.facility is not None:
+        facility = read_facility(given.facility)
+        if given.plan is not None:
+            read_plan(given.plan, facility)
+    return given
+
+
+def _new(request: ScanRequest) -> GivenInputs:
+    if request.simulate == (request.devices is not None):
+        raise InputError(
+            "--simulate and --devices exclude each other"
+            if request.simulate
+            else "nothing to scan with; expected --simulate, or --devices with the devices.toml of a laboratory"
+        )
+    if not request.simulate:
+        for option in ("plan", "facility"):
+            if getattr(request, option) is None:
+                name = "PLAN" if option == "plan" else f"--{option}"
+                raise InputError(f"{name}: missing; only the simulated laboratory brings one of its own")
+    simulate = Simulation(request.speed, request.seed) if request.simulate else None
+    return GivenInputs(request.plan, request.facility, request.artifact, request.material, request.devices, simulate)
+
+
+def _resumed(request: ScanRequest) -> GivenInputs:
+    """A run goes on with what its folder holds, in the laboratory where it began unless another is named."""
+    assert request.resume is not None
+    for option in ("plan", "facility", "artifact", "material", "out"):
+        if getattr(request, option) is not None:
+            raise InputError(f"--resume goes on with the {option} of the run; leave it out")
+    if request.simulate and request.devices is not None:
+        raise InputError("--simulate and --devices exclude each other")
+    content = read_journal(request.resume)
+    folder = content.path.parent
+    for name, key in ((PLAN_NAME, "plan"), (FACILITY_NAME, "facility")):
+        if not (folder / name).is_file():
+            raise InputError(f"{folder / name}: no such file; the run cannot go on without it")
+        if (folder / name).read_text(encoding="utf-8") != content.header[key]:
+            raise InputError(f"{folder / name}: changed since the run began; expected what the journal's header holds")
+    began = content.header.get("laboratory", {})
+    simulate = None
+    if request.devices is None and (request.simulate or began.get("simulate")):
+        set_now = request.model_fields_set
+        simulate = Simulation(
+            request.speed if "speed" in set_now else began.get("speed", request.speed),
+            request.seed if "seed" in set_now else began.get("seed", request.seed),
+        )
+    return GivenInputs(
+        plan=folder / PLAN_NAME,
+        facility=folder / FACILITY_NAME,
+        artifact=existing(folder / ARTIFACT_NAME),
+        material=existing(folder / MATERIAL_NAME),
+        devices=None if simulate else request.devices or folder / DEVICES_NAME,
+        simulate=simulate,
+        resumed=content,
+    )
+
+
+def complete(given: GivenInputs) -> ScanInputs:
+    """Read what is left to read.
+
+    Raises
+    ------
+    InputError
+        If a file is wrong.
+    """
+    assert given.plan is not None
+    assert given.facility is not None
+    assert given.devices is not None
+    facility = read_facility(given.facility)
+    return ScanInputs(
+        plan=read_plan(given.plan, facility),
+        facility=facility,
+        plan_path=given.plan,
+        facility_path=given.facility,
+        artifact=given.artifact,
+        material=given.material,
+        devices=given.devices,
+        simulate=given.simulate,
+        resumed=given.resumed,
+    )
+
+
+def header_of(inputs: ScanInputs, created: datetime) -> dict[str, Any]:
+    """First line of the journal of a new run."""
+    simulate = inputs.simulate
+    return {
+        "created": created,
+        "title": inputs.plan.title,
+        "plan": inputs.plan_path.read_text(encoding="utf-8"),
+        "facility": inputs.facility_path.read_text(encoding="utf-8"),
+        "samples": inputs.plan.samples,
+        "scan_direction": inputs.plan.direction,
+        "points": len(inputs.plan),
+        "software_version": version("goniotwin"),
+        "laboratory": {"simulate": True, "speed": simulate.speed, "seed": simulate.seed}
+        if simulate
+        else {"simulate": False},
+    }
+
+
+def existing(path: Path) -> Path | None:
+    """The path, where there is a file."""
+    return path if path.is_file() else None

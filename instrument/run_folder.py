@@ -1,0 +1,112 @@
+"""The run folder: where a scan keeps what it was asked, what it read, and what became of it."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import tomli_w
+
+from instrument.artifact import read_artifact
+from instrument.errors import InputError
+from instrument.forms import read_toml
+from instrument.journal import JOURNAL_NAME
+from instrument.request import (
+    ARTIFACT_NAME,
+    DEVICES_NAME,
+    FACILITY_NAME,
+    MATERIAL_NAME,
+    PLAN_NAME,
+    ScanInputs,
+)
+
+RUN_NAME = "run.nc"
+#: Where run folders lie that nobody named.
+RUNS = Path("runs")
+
+
+def make_run_folder(out: Path | None, plan: Path) -> Path:
+    """Make the folder of a new run: ``out``, or ``runs/<UTC time>-<plan>``.
+
+    Raises
+    ------
+    InputError
+        If the folder holds a run already, or cannot be made.
+    """
+    if out is not None:
+        if (out / JOURNAL_NAME).exists():
+            raise InputError(f"{out}: holds a run already; go on with it by --resume, or choose another --out")
+        return _made(out, exist_ok=True)
+    stem = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{plan.stem}"
+    for number in range(1, 100):
+        folder = RUNS / (stem if number == 1 else f"{stem}-{number}")
+        if not folder.exists():
+            return _made(folder, exist_ok=False)
+    raise InputError(f"{RUNS / stem}: exists already, and so do 98 others of this second")
+
+
+def _made(folder: Path, *, exist_ok: bool) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    return folder.resolve()
+
+
+def copy_file(source: Path, folder: Path, name: str) -> Path:
+    """Copy a file into the run folder under a fixed name.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    target = folder / name
+    if target.exists() and target.samefile(source):
+        return target
+    try:
+        shutil.copyfile(source, target)
+    except OSError as error:
+        raise InputError(f"{source}: {(error.strerror or str(error)).lower()}") from None
+    return target
+
+
+def copy_artifact(source: Path, folder: Path) -> Path:
+    """Copy an artifact with its table of holes and its mesh, so that the copy stands on its own.
+
+    Raises
+    ------
+    InputError
+        If the artifact is wrong.
+    """
+    read_artifact(source)
+    form = read_toml(source)
+    names = {key: Path(form[key]).name for key in ("holes", "mesh") if form.get(key) is not None}
+    for key, name in names.items():
+        copy_file(source.parent / form[key], folder, name)
+    if all(form[key] == name for key, name in names.items()):
+        return copy_file(source, folder, ARTIFACT_NAME)
+    target = folder / ARTIFACT_NAME
+    target.write_text(tomli_w.dumps(form | names), encoding="utf-8")
+    return target
+
+
+def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:
+    """Copy what a scan works from into its folder; the scan goes on with the copies.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    """
+    if inputs.simulate is None:
+        copy_file(inputs.devices, folder, DEVICES_NAME)
+    return replace(
+        inputs,
+        plan_path=copy_file(inputs.plan_path, folder, PLAN_NAME),
+        facility_path=copy_file(inputs.facility_path, folder, FACILITY_NAME),
+        artifact=copy_artifact(inputs.artifact, folder) if inputs.artifact else None,
+        material=copy_file(inputs.material, folder, MATERIAL_NAME) if inputs.material else None,
+    )
