@@ -151,6 +151,11 @@ def _references(rows: Sequence[Record]) -> dict[str, Any]:
     return {
         "reference_signal": (("reference", "sample"), _signals(rows, "reference readings")),
         "reference_sensor_azimuth": ("reference", _column([row["geometry"] for row in rows], "sensor_azimuth")),
+        "reference_wavelength": (
+            "reference",
+            _column([row["geometry"] for row in rows], "wavelength"),
+            {"units": "nm", "long_name": "wavelength of the reference readings"},
+        ),
         "reference_gain": ("reference", _column(rows, "gain")),
         "reference_dark": ("reference", _column(rows, "dark")),
         "reference_time": ("reference", _times(rows)),
@@ -170,12 +175,12 @@ def _reference_sets(references: Sequence[Record]) -> np.ndarray:
 
 
 def _used_sets(rows: Sequence[Record], references: Sequence[Record], sets: np.ndarray) -> np.ndarray:
-    """Calibration of every point: the last one that was complete before it."""
-    ends = np.array([_times(references)[sets == number].max() for number in range(sets[-1] + 1)])
-    used = np.searchsorted(ends, _times(rows), side="right") - 1
+    """Calibration of every point: the last one that was begun before it."""
+    begun = np.array([_times(references)[sets == number].min() for number in range(sets[-1] + 1)])
+    used = np.searchsorted(begun, _times(rows), side="right") - 1
     if np.any(used < 0):
         row = rows[int(np.argmax(used < 0))]
-        raise InputError(f"point {row['index']}, taken at {row['time']}, stands before the first complete reference")
+        raise InputError(f"point {row['index']}, taken at {row['time']}, stands before the first reference reading")
     return np.asarray(used)
 
 
@@ -183,9 +188,12 @@ def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
     reading = photocurrent(dataset["signal"].values, dataset["dark"].values, dataset["gain"].values)
     reference = photocurrent(*(dataset[f"reference_{name}"].values for name in ("signal", "dark", "gain")))
     brf, standard_error = np.empty(dataset.sizes["point"]), np.empty(dataset.sizes["point"])
-    for number in np.unique(dataset["point_reference_set"].values):
-        rows = dataset["point_reference_set"].values == number
-        of_set = dataset["reference_set"].values == number
+    groups = np.stack([dataset["point_reference_set"].values, dataset["wavelength"].values])
+    for number, wavelength in np.unique(groups, axis=1).T:
+        rows = (groups[0] == number) & (groups[1] == wavelength)
+        of_set = (dataset["reference_set"].values == number) & (dataset["reference_wavelength"].values == wavelength)
+        if not np.any(of_set):
+            raise InputError(f"no reference reading at {wavelength:g} nm before the points at that wavelength")
         result = brf_from_readings(
             facility,
             dataset["illumination_zenith"].values[rows],

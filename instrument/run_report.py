@@ -1,0 +1,141 @@
+"""Runs as a person reads them on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from rich.console import Console
+from rich.table import Table
+
+from instrument.errors import InputError
+from instrument.journal import read_journal
+from instrument.plan import describe
+from instrument.records import SkippedRecord
+from instrument.run_archive import Overview, Verification, overview
+from instrument.run_folder import RUN_NAME
+from instrument.run_read import capabilities, read_run
+from instrument.run_schema import FLAG_MASKS
+
+_FLAGS = dict(zip(("saturated", "overload", "shadowed", "repeated"), FLAG_MASKS, strict=True))
+
+
+def overview_table(rows: Sequence[Overview]) -> Table:
+    """One row a run."""
+    table = Table("run", "started (UTC)", "title", "points", "skipped", "outcome")
+    for row in rows:
+        if row.problem:
+            table.add_row(row.folder.name, "", "", "", "", f"[red]{row.problem}[/red]")
+        else:
+            points = f"{row.measured} of {row.planned}"
+            table.add_row(row.folder.name, row.created[:19], row.title, points, str(row.skipped or ""), row.outcome)
+    return table
+
+
+def verification_table(result: Verification) -> Table:
+    """One row a check."""
+    table = Table("check", "", "found", title=str(result.folder), title_justify="left")
+    for check in result.checks:
+        table.add_row(check.name, "[green]good[/green]" if check.passed else "[red]bad[/red]", check.found)
+    return table
+
+
+def run_summary(path: Path) -> dict[str, Any]:
+    """What ``goniotwin runs show --json`` writes.
+
+    Parameters
+    ----------
+    path
+        A run folder or a run file.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    summary: dict[str, Any] = {"source": str(path)}
+    file = path
+    if path.is_dir():
+        content = read_journal(path)
+        summary |= overview(path).as_dict()
+        summary["references"] = len(content.references)
+        summary["skipped_points"] = list(content.skipped.values())
+        summary["notes"] = [record["text"] for record in content.others if record["kind"] == "note"]
+        summary["torn_bytes"] = len(content.torn or b"")
+        file = path / RUN_NAME
+        if not file.exists():
+            return summary
+    elif not path.exists():
+        raise InputError(f"{path}: no such file; expected a run folder or a run file")
+    return summary | _file_summary(read_run(file))
+
+
+def _file_summary(run: xr.Dataset) -> dict[str, Any]:
+    brf, u_brf = run["brf"].values, run["u_brf"].values
+    relative = u_brf / np.abs(brf)
+    flags = run["quality_flag"].values if "quality_flag" in run else np.zeros(run.sizes["point"], dtype=int)
+    result: dict[str, Any] = {
+        "points": int(run.sizes["point"]),
+        "brf": [float(brf.min()), float(brf.max())],
+        "relative_u_brf": [float(relative.min()), float(relative.max())],
+        "flagged": {name: int(np.sum(flags & mask > 0)) for name, mask in _FLAGS.items()},
+        "planes": _planes(run),
+        "cannot": capabilities(run),
+    }
+    if "time" in run.variables:
+        times = np.datetime_as_string(run["time"].values, unit="s")
+        result["time"] = [str(times.min()) + "Z", str(times.max()) + "Z"]
+    return result
+
+
+def _planes(run: xr.Dataset) -> list[dict[str, Any]]:
+    keys = np.stack([run[name].values for name in ("wavelength", "illumination_zenith", "sensor_azimuth")], axis=-1)
+    planes, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    result = []
+    for plane in np.argsort(first):
+        rows = np.ravel(which) == plane
+        zenith, brf = run["sensor_zenith"].values[rows], run["brf"].values[rows]
+        result.append(
+            dict(zip(("wavelength", "illumination_zenith", "sensor_azimuth"), map(float, planes[plane]), strict=True))
+            | {
+                "points": int(rows.sum()),
+                "sensor_zenith": [float(zenith.min()), float(zenith.max())],
+                "brf": [float(brf.min()), float(brf.max())],
+            }
+        )
+    return result
+
+
+def print_run(summary: dict[str, Any], console: Console) -> None:
+    """Write a summary of :func:`run_summary` for people."""
+    title = f": {summary['title']}" if summary.get("title") else ""
+    console.print(f"[bold]{summary['source']}[/bold]{title}")
+    if "outcome" in summary:
+        console.print(
+            f"started {summary['created']}, {summary['outcome']}; {summary['measured']} of {summary['planned']} points,"
+            f" {summary['references']} reference readings"
+        )
+        for record in summary["skipped_points"]:
+            skipped = SkippedRecord.model_validate(record)
+            console.print(f"  skipped: point {skipped.index}, {describe(skipped.geometry)}: {skipped.reason}")
+        for note in summary["notes"]:
+            console.print(f"  note: {note}")
+    if "planes" not in summary:
+        console.print(f"no {RUN_NAME} yet")
+        return
+    table = Table("wavelength / nm", "illumination zenith", "sensor azimuth", "sensor zenith", "points", "brf")
+    for plane in summary["planes"]:
+        angles = (f"{plane[name]:g}" for name in ("wavelength", "illumination_zenith", "sensor_azimuth"))
+        zenith = "{:g} to {:g}".format(*plane["sensor_zenith"])
+        table.add_row(*angles, zenith, str(plane["points"]), "{:.4f} to {:.4f}".format(*plane["brf"]))
+    console.print(table)
+    low, high = summary["relative_u_brf"]
+    console.print(f"combined standard uncertainty {100 * low:.2f} to {100 * high:.2f} %")
+    for name, number in summary["flagged"].items():
+        if number:
+            console.print(f"{number} points are flagged: {name}")
+    for sentence in summary["cannot"]:
+        console.print(f"- {sentence}")
