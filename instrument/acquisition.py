@@ -82,6 +82,7 @@ class Acquisition:
         self._clock, self._controls, self._note, self._settings = clock, controls, note, settings
         self._last_duration = 0.0
         self._repeats = 0
+        self._gain_known = False
 
     @property
     def last_duration(self) -> float:
@@ -120,7 +121,7 @@ class Acquisition:
     def _in_range(self, samples: int) -> tuple[Reading, float]:
         """A burst at the gain that suits the light."""
         gains = sorted(self._amplifier.gains)
-        gain = ask(self._amplifier.gain)
+        gain = self._present_gain(gains[0])
         ceiling_gain = math.inf  # the lowest gain that proved too high
         for _ in range(2 * len(gains) + 1):
             reading = self._read(samples)
@@ -139,6 +140,13 @@ class Acquisition:
                 "detector", f"overload at the lowest gain ({gain:g} V/A)", "reduce the power of the source"
             )
         return reading, gain
+
+    def _present_gain(self, lowest: float) -> float:
+        """The gain in use; before the first reading nobody knows it, and the lowest one is chosen."""
+        if not self._gain_known:
+            self._set_gain(lowest)
+            self._gain_known = True
+        return ask(self._amplifier.gain)
 
     def _higher(self, gains: list[float], gain: float, ceiling_gain: float, reading: Reading) -> float:
         """The highest gain that keeps the reading below target, where the present one wastes range."""

@@ -219,7 +219,7 @@ class ScanEngine:
         self._evaluator.add_reference(geometry, record)
         self._report.publish(
             ReferenceMeasured(
-                time=record["time"],
+                time=self._report.now(),
                 index=index,
                 sensor_azimuth=geometry.sensor_azimuth,
                 current=burst.current,
@@ -259,7 +259,7 @@ class ScanEngine:
             self._report.tell("warning", f"point {index + 1}: the detector is saturated at its lowest gain: flagged")
         self._report.publish(
             PointMeasured(
-                time=record["time"],
+                time=self._report.now(),
                 index=index,
                 geometry=geometry,
                 brf=brf,
