@@ -22,7 +22,8 @@ _LOW_SIGNAL = 0.25  # V; below this the higher gain is used
 _DARK, _U_DARK = 2e-4, 5e-5  # V
 _RESOLUTION = 1e-6  # V, of the voltmeter
 _REFERENCE_NOISE = 3e-4  # relative, a reading
-_MOUNTING = 1  # the artifact's own is 0
+_MOUNTING = 2  # the artifact's own is 0
+_ANOTHER_DAY = 1_000_003  # between the seeds of this run and of the artifact's: their stability is not shared
 
 #: Rows of the budget as variables of the run file, and their correlation over points (None: not stated).
 _COMPONENTS: dict[str, tuple[str, str | None]] = {
@@ -62,7 +63,7 @@ def coupon_run(facility: Facility, plan: Plan, seed: int) -> xr.Dataset:
         The run file of the data contract, all variables.
     """
     wrong = Imperfections.within_budget(facility, seed, _MOUNTING)
-    reality = Reality(facility, flat_sample(), wrong, seed, rays=16384)
+    reality = Reality(facility, flat_sample(), wrong, seed + _ANOTHER_DAY, rays=16384)
     points = _Points.of(plan)
     generator = np.random.default_rng((seed, 6))
     flux, scale = _fluxes(reality, points)

@@ -15,6 +15,8 @@ import numpy as np
 from instrument.facility import Budgeted, Facility
 
 StabilityKind = Literal["none", "slice", "angle", "global", "independent"]
+#: Draws that hold for a whole run stay within this many standard deviations.
+CUT = 1.5
 _GRAZING = 80.0  # largest sensor zenith of the budget, degree
 _STEEPEST = 60.0  # largest illumination zenith of the budget, degree
 
@@ -64,7 +66,7 @@ class Imperfections:
 
     @classmethod
     def within_budget(cls, facility: Facility, seed: int, mounting: int = 0) -> Imperfections:
-        """What the budget of a facility allows: normal draws, cut at two standard uncertainties.
+        """What the budget of a facility allows: normal draws, cut at 1.5 standard uncertainties.
 
         The uncertainties of the angles in the facility are those of the readings; an arm whose zero were off by all of
         0.25 degree would change the BRF at grazing by five times its row of the budget (the reading is scaled
@@ -106,13 +108,13 @@ class Imperfections:
 
 
 class _Normal:
-    """Normal draws of zero mean, cut at two standard deviations."""
+    """Normal draws of zero mean, cut at 1.5 standard deviations: each a sound instrument, none an outlier."""
 
     def __init__(self, seed: tuple[int, ...]) -> None:
         self.generator = np.random.default_rng(seed)
 
     def __call__(self, standard_deviation: float) -> float:
-        while abs(draw := self.generator.standard_normal()) > 2.0:
+        while abs(draw := self.generator.standard_normal()) > CUT:
             pass
         return float(draw) * standard_deviation
 

@@ -20,7 +20,7 @@ from sim_fixtures.reality.bundle import Bundle, Pose, beam_bundle, seen_from_sam
 from sim_fixtures.reality.cache import Cache
 from sim_fixtures.reality.coating import EXAMPLE_COATING, Coating
 from sim_fixtures.reality.flat import lambertian_radiance
-from sim_fixtures.reality.imperfections import Imperfections
+from sim_fixtures.reality.imperfections import CUT, Imperfections
 from sim_fixtures.reality.scene import Scene, artifact_scene
 from sim_fixtures.reality.stability import Stability
 from sim_fixtures.reality.tracer import Vertices, collect, trace
@@ -208,7 +208,7 @@ def true_dimensions(artifact: ArtifactDimensions, multiple: float, seed: int) ->
     if multiple == 0.0 or not len(artifact.holes):
         return artifact
     generator = np.random.default_rng((seed, 5))
-    thickness, depth = np.clip(generator.standard_normal(2), -2.0, 2.0) * multiple
+    thickness, depth = np.clip(generator.standard_normal(2), -CUT, CUT) * multiple
     form, holes = artifact.form, artifact.holes
     x, y, diameter = generator.standard_normal((3, len(holes))) * multiple
     return replace(

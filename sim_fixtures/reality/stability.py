@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from instrument.angles import direction
-from sim_fixtures.reality.imperfections import StabilityKind
+from sim_fixtures.reality.imperfections import CUT, StabilityKind
 
 _FEATURES = 256
 _CORRELATION_LENGTH = 25.0  # degree
@@ -32,11 +32,11 @@ class Stability:
         self._phase = generator.uniform(0.0, 2.0 * np.pi, _FEATURES)
 
     def value(self, illumination_zenith: float, sensor_zenith: float, sensor_azimuth: float) -> float:
-        """The draw at a geometry (degree), of zero mean and unit standard deviation over seeds."""
+        """The draw at a geometry (degree), of zero mean and about unit standard deviation over seeds."""
         if self._kind == "none":
             return 0.0
         if self._kind == "global":
-            return self._hashed()
+            return float(np.clip(self._hashed(), -CUT, CUT))
         if self._kind == "slice":
             return self._hashed(round(2 * illumination_zenith), round(2 * sensor_azimuth))
         if self._kind == "independent":
