@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from typing import TYPE_CHECKING
@@ -57,6 +58,7 @@ def start_application() -> QApplication:
 
     from gui.theme import ensure_fonts
 
+    hold_booleans()
     application = QApplication.instance()
     if not isinstance(application, QApplication):
         qInstallMessageHandler(_explain_fatal)
@@ -69,6 +71,23 @@ def start_application() -> QApplication:
     return application
 
 
+def hold_booleans() -> None:
+    """Keep PySide6 6.12.0 from destroying ``True`` on Python 3.11.
+
+    Every ``Signal.emit`` of that version gives away a reference to ``True`` that it does not own, and every failed
+    ``disconnect`` one to ``False`` (6.11.3 does not). After some thousand signals the count reaches zero and Python
+    ends with "bool_dealloc: deallocating True or False". Since Python 3.12 these objects are immortal; before, a
+    count that no run can use up does the same. Does nothing where it is not needed.
+    """
+    if sys.version_info >= (3, 12):
+        return
+    for constant in (True, False):
+        count = ctypes.c_ssize_t.from_address(id(constant))  # the first field of a CPython object
+        if count.value < _MANY:
+            count.value += _MANY
+
+
+_MANY = 1 << 50
 _said: list[str] = []
 
 

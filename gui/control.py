@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 from drivers.errors import ConfigurationError, DeviceError
 from gui.notices import ControllerClosed, ControllerFailed, ControllerStarting, Notice, OperatorAnswered, OperatorAsked
 from instrument.errors import InputError, SafetyError
-from instrument.events import Event
+from instrument.events import Event, Message
 from instrument.operators import Mounted
 
 if TYPE_CHECKING:
@@ -171,7 +171,8 @@ class SessionController:
         try:
             command(session)
         except Exception as error:  # noqa: BLE001 - whatever went wrong, the person must read it
-            self._fail(error)
+            text, advice = explain(error)
+            self._listener.on_event(Message(time=datetime.now(UTC), level="error", text=text, advice=advice))
 
     def _run(self) -> None:
         try:

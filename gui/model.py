@@ -28,7 +28,7 @@ from instrument.events import (
     StateChanged,
 )
 from instrument.operators import Mounted
-from instrument.states import State
+from instrument.states import FINAL, State
 
 MESSAGES_KEPT = 2000
 
@@ -262,7 +262,8 @@ class ScanModel:
 
     @apply.register
     def _(self, notice: ControllerFailed) -> None:
-        self.state, self.state_reason = State.FAULTED, notice.text
+        if self.state not in FINAL:
+            self.state, self.state_reason = State.FAULTED, notice.text
         self._changes.state = True
         self._say(Line(notice.time, "error", notice.text, notice.advice))
 

@@ -39,6 +39,7 @@ class Theme:
     busy: str
     hold: str
     bad: str
+    halt: str
     tone_surface: dict[str, str]
 
     def tone(self, tone: str) -> str:
@@ -67,6 +68,7 @@ LIGHT = Theme(
     busy="#005a9c",
     hold="#9a6700",
     bad="#b3261e",
+    halt="#c62828",
     tone_surface={
         "quiet": "#f7f9fa",
         "busy": "#e3eef7",
@@ -95,6 +97,7 @@ DARK = Theme(
     busy="#56b4e9",
     hold="#f0c14b",
     bad="#ff7d70",
+    halt="#c62828",
     tone_surface={
         "quiet": "#242b31",
         "busy": "#183040",
@@ -183,16 +186,15 @@ def _style_sheet(theme: Theme) -> str:
     QPushButton:focus {{ border: 2px solid {theme.accent}; padding: 5px 11px; }}
     QPushButton:disabled {{ color: {theme.quiet_text}; background: {theme.window}; border-style: dashed; }}
     QPushButton#start:enabled {{ background: {theme.accent}; color: {theme.on_accent}; font-weight: 600; }}
-    QPushButton#halt:enabled {{ background: {theme.bad}; color: {theme.on_accent}; font-weight: 700; }}
-    QProgressBar {{ background: {theme.raised}; border: 1px solid {theme.line}; border-radius: 6px; height: 18px;
-                    text-align: center; }}
-    QProgressBar::chunk {{ background: {theme.tone_surface["busy"]}; border-right: 3px solid {theme.busy};
-                           border-radius: 5px; }}
+    QPushButton#halt:enabled {{ background: {theme.halt}; color: #ffffff; font-weight: 700; }}
+    QProgressBar {{ background: {theme.raised}; border: 1px solid {theme.line}; border-radius: 5px;
+                    max-height: 10px; }}
+    QProgressBar::chunk {{ background: {theme.busy}; border-radius: 4px; }}
     QTableView, QListView {{ border: none; background: {theme.surface}; gridline-color: {theme.line};
                              selection-background-color: {theme.tone_surface["busy"]};
                              selection-color: {theme.text}; }}
     QHeaderView::section {{ background: {theme.surface}; color: {theme.quiet_text}; border: none;
-                            border-bottom: 1px solid {theme.line}; padding: 4px 6px; }}
+                            border-bottom: 1px solid {theme.line}; padding: 4px 3px; }}
     QSplitter::handle {{ background: {theme.window}; }}
     QStatusBar {{ color: {theme.quiet_text}; }}
     """

@@ -103,23 +103,20 @@ class MainWindow(QMainWindow):
         stack.setSpacing(8)
         for panel in self._in_area("left"):
             stack.addWidget(panel, panel.stretch)
+        self.down = QSplitter(Qt.Orientation.Vertical)
+        for panel in self._in_area("centre") + self._in_area("bottom"):
+            self.down.addWidget(panel)
+        self.down.setSizes([650, 140])
+        self.down.setStretchFactor(0, 1)
         self.across = QSplitter(Qt.Orientation.Horizontal)
         self.across.addWidget(left)
-        for panel in self._in_area("centre"):
-            self.across.addWidget(panel)
-        self.across.setSizes([340, 940])
-        self.across.setStretchFactor(0, 0)
+        self.across.addWidget(self.down)
+        self.across.setSizes([388, 952])
         self.across.setStretchFactor(1, 1)
-        self.down = QSplitter(Qt.Orientation.Vertical)
-        self.down.addWidget(self.across)
-        for panel in self._in_area("bottom"):
-            self.down.addWidget(panel)
-        self.down.setSizes([660, 140])
-        self.down.setStretchFactor(0, 1)
         for splitter in (self.across, self.down):
             splitter.setHandleWidth(8)
             splitter.setChildrenCollapsible(False)
-        column.addWidget(self.down, 1)
+        column.addWidget(self.across, 1)
         self.setCentralWidget(centre)
         self.resize(1360, 900)
 

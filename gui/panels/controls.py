@@ -20,6 +20,7 @@ BUTTONS = {
     "abort": ("Abort", "F8", "square", "End the scan in an orderly way; measured points are kept"),
     "halt": ("HALT", "F12", "cross", "Emergency: stop the arms and block the light now, without a question"),
 }
+_FILLED = ("start", "halt")  # buttons in a full colour
 
 
 class ControlsPanel(Panel):
@@ -58,9 +59,12 @@ class ControlsPanel(Panel):
         allowed = actions(self.model.state, self.model.connected)
         for command, button in self.buttons.items():
             enabled = getattr(allowed, command)
+            if button.hasFocus() and not enabled:
+                button.clearFocus()  # else Qt hands the focus to the next button, where a space bar would press it
             button.setEnabled(enabled)
-            filled = command in ("start", "halt") and enabled
-            colour = self.theme.on_accent if filled else self.theme.text if enabled else self.theme.quiet_text
+            colour = self.theme.text if enabled else self.theme.quiet_text
+            if enabled and command in _FILLED:
+                colour = "#ffffff" if command == "halt" else self.theme.on_accent
             button.setIcon(marks.icon(BUTTONS[command][2], colour, 18))
 
 

@@ -58,7 +58,7 @@ class GeometryPanel(Panel):
         if model.references:
             reference = model.references[-1]
             count = len(model.references)
-            self._set("Reference", f"{reference.current:.3e} A ({count} reading{'s' if count > 1 else ''})")
+            self._set("Reference", f"{reference.current * 1e9:.3f} nA ({count} reading{'s' if count > 1 else ''})")
         else:
             self._set("Reference", "–")
         self._show_last()

@@ -42,6 +42,9 @@ class _Sample(QWidget):
             painter.setPen(QPen(QColor(theme.measured), 1.6))
             painter.setBrush(QColor(theme.surface))
             painter.drawEllipse(QPointF(17, 11), 3.2, 3.2)
+        elif self._what == "missing":
+            painter.setPen(QPen(QColor(theme.poor), 1.8))
+            painter.drawRect(QRectF(12, 6, 10, 10))
         else:
             painter.setPen(QPen(QColor(theme.accent), 1.5, Qt.PenStyle.DashDotLine))
             painter.drawLine(QPointF(17, 0), QPointF(17, 22))
@@ -52,16 +55,17 @@ def legend(theme: Theme) -> QWidget:
     widget = QWidget()
     row = QHBoxLayout(widget)
     row.setContentsMargins(0, 0, 0, 0)
-    row.setSpacing(6)
+    row.setSpacing(4)
     entries = {
         "measured": "measured, bars k = 1 and k = 2",
         "simulated": "simulated, bands k = 1 and k = 2",
         "here": "arms now",
+        "missing": "not measured",
     }
     for what, text in entries.items():
         row.addWidget(_Sample(theme, what))
         row.addWidget(quiet(text))
-        row.addSpacing(10)
+        row.addSpacing(8)
     for category in CATEGORIES:
         sign = QLabel()
         sign.setPixmap(marks.pixmap(marks.CATEGORY_SIGN[category], getattr(theme, category), 14))

@@ -14,6 +14,7 @@ from gui.panels.base import Panel
 from gui.theme import Theme
 
 _COLUMNS = ("Time (UTC)", "Level", "Message", "What to do")
+_WRAPPED = 12  # newest lines that are shown whole; older ones tell the rest when pointed at
 _Index = QModelIndex | QPersistentModelIndex
 
 
@@ -41,11 +42,13 @@ class MessageTable(QAbstractTableModel):
         """The message in a row."""
         return self._lines[row]
 
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
+    def rowCount(self, parent: _WRAPPED = 12  # newest lines that are shown whole; older ones tell the rest when pointed at
+_Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
         """Number of messages."""
         return 0 if parent.isValid() else len(self._lines)
 
-    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
+    def columnCount(self, parent: _WRAPPED = 12  # newest lines that are shown whole; older ones tell the rest when pointed at
+_Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
         """Number of columns."""
         return len(_COLUMNS)
 
@@ -89,10 +92,11 @@ class MessagesPanel(Panel):
         self.view.verticalHeader().hide()
         header = self.view.horizontalHeader()
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        header.setStretchLastSection(True)
-        for column, width in enumerate((96, 96, 520)):
+        for column, width in enumerate((90, 92)):
             header.resizeSection(column, width)
-        self.view.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        for column in (2, 3):
+            header.setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
+        self.view.verticalHeader().setMinimumSectionSize(24)
         self.view.verticalHeader().setDefaultSectionSize(24)
         self.body.addWidget(self.view)
         self.table.reload()
@@ -101,6 +105,8 @@ class MessagesPanel(Panel):
         """Show new messages."""
         if changes.messages or changes.scan:
             self.table.reload()
+            for row in range(min(self.table.rowCount(), _WRAPPED)):
+                self.view.resizeRowToContents(row)
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""

@@ -15,7 +15,8 @@ from gui.scores import CATEGORIES
 from gui.theme import Theme
 
 _Index = QModelIndex | QPersistentModelIndex
-_ANGLES = ("Illumination\nzenith", "Sensor\nazimuth")
+_ANGLES = ("Illum.\nzenith", "Sensor\nazimuth")
+_MISSING = "Miss-\ning"
 
 
 class PlaneTable(QAbstractTableModel):
@@ -38,7 +39,7 @@ class PlaneTable(QAbstractTableModel):
         self.beginResetModel()
         self._planes = list(self.model.planes)
         wavelengths = len({plane.wavelength for plane in self._planes}) > 1
-        self._columns = [*(["Wave-\nlength"] if wavelengths else []), *_ANGLES, "Points", *CATEGORIES]
+        self._columns = [*(["Wave-\nlength"] if wavelengths else []), *_ANGLES, "Points", _MISSING, *CATEGORIES]
         self.endResetModel()
 
     def update(self, planes: set[PlaneKey]) -> None:
@@ -86,6 +87,8 @@ class PlaneTable(QAbstractTableModel):
             missing = self.model.plane_missing[plane]
             return words.plane_title(plane) + (f"; {missing} points missing" if missing else "")
         if role == Qt.ItemDataRole.TextAlignmentRole:
+            if name in CATEGORIES:
+                return Qt.AlignmentFlag.AlignCenter
             return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         if role == Qt.ItemDataRole.FontRole and here:
             font = QFont()
@@ -97,9 +100,10 @@ class PlaneTable(QAbstractTableModel):
         if name in CATEGORIES:
             return str(self.model.plane_tally[plane][name] or "")
         if name == "Points":
-            missing = self.model.plane_missing[plane]
-            count = f"{self.model.plane_settled[plane] - missing}/{len(self.model.planes[plane])}"
-            return f"{count} ({missing} missing)" if missing else count
+            measured = self.model.plane_settled[plane] - self.model.plane_missing[plane]
+            return f"{measured}/{len(self.model.planes[plane])}"
+        if name == _MISSING:
+            return str(self.model.plane_missing[plane] or "")
         if name == _ANGLES[0]:
             return words.angle(plane.illumination_zenith)
         if name == _ANGLES[1]:
@@ -126,10 +130,10 @@ class PlanesPanel(Panel):
         self.view.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.view.setTabKeyNavigation(False)
         self.view.verticalHeader().hide()
-        self.view.verticalHeader().setDefaultSectionSize(24)
+        self.view.verticalHeader().setDefaultSectionSize(22)
         header = self.view.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setStretchLastSection(True)
+        header.setMinimumSectionSize(38)
         header.setHighlightSections(False)
         self.body.addWidget(self.view)
         self._showing = False

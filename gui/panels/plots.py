@@ -19,6 +19,8 @@ from gui.panels.legend import legend
 from gui.theme import Theme
 
 _T_SPAN = T_BANDS[1] * 1.75  # of the t' axis, where no point needs more
+_SIZE = {"good": 9, "acceptable": 10, "poor": 12}  # of the symbols; a cross looks smaller than a disc
+_HINT = "Point at a value to read it. Drag to shift, turn the wheel to zoom."
 
 
 class PlotsPanel(Panel):
@@ -42,7 +44,7 @@ class PlotsPanel(Panel):
         self.graphics = pg.GraphicsLayoutWidget()
         self.graphics.setAccessibleName("Plot of measured and simulated reflectance factor, and of t prime")
         self.body.addWidget(self.graphics, 1)
-        self.readout = quiet()
+        self.readout = quiet(_HINT)
         self.readout.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.body.addWidget(self.readout)
         self._build_plots()
@@ -79,6 +81,7 @@ class PlotsPanel(Panel):
         layout.setRowStretchFactor(0, 3)
         layout.setRowStretchFactor(1, 2)
         layout.setVerticalSpacing(6)
+        layout.setContentsMargins(0, 0, 8, 0)
         self.t_plot.setXLink(self.brf_plot)
         self.zero = pg.InfiniteLine(0, angle=0)
         self.t_plot.addItem(self.zero)
@@ -106,7 +109,7 @@ class PlotsPanel(Panel):
             plot.showGrid(x=True, y=True, alpha=0.15)
             plot.setMenuEnabled(False)
             plot.hideButtons()
-            plot.getAxis("left").setWidth(64)
+            plot.getAxis("left").setWidth(72)
             plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
         self.t_plot.addItem(self.missing, ignoreBounds=True)
         self._by_hand = False
@@ -124,7 +127,7 @@ class PlotsPanel(Panel):
                 axis.setStyle(tickFont=font, autoExpandTextSpace=False)
         label = {"color": theme.text, "font-size": f"{font.pointSizeF():g}pt"}
         self.brf_plot.setLabel("left", "BRF", **label)
-        self.t_plot.setLabel("left", "t′ = (simulated − measured)/u", **label)
+        self.t_plot.setLabel("left", "t′", **label)
         self.t_plot.setLabel("bottom", "sensor zenith (°)", **label)
         self.brf_plot.getAxis("left").enableAutoSIPrefix(False)
         for band, colour in zip(self.t_bands, (theme.band_outer, theme.band_inner), strict=True):
@@ -141,7 +144,7 @@ class PlotsPanel(Panel):
         while self.legend_row.count():
             item = self.legend_row.takeAt(0)
             if item is not None and (widget := item.widget()) is not None:
-                widget.deleteLater()
+                widget.setParent(None)
         self.legend_row.addWidget(legend(theme))
 
     def refresh(self, changes: Changes) -> None:
@@ -156,7 +159,7 @@ class PlotsPanel(Panel):
         """Show another plane."""
         if plane != self.plane:
             self.plane = plane
-            self.readout.clear()
+            self.readout.setText(_HINT)
             self.fit()
 
     def set_theme(self, theme: Theme) -> None:
@@ -219,7 +222,7 @@ class PlotsPanel(Panel):
             x=x,
             y=t,
             symbol=[marks.CATEGORY_SYMBOL[c] for c in categories],
-            size=9,
+            size=[_SIZE[c] for c in categories],
             brush=[pg.mkBrush(getattr(self.theme, c)) for c in categories],
             pen=[pg.mkPen(self.theme.surface, width=0.8) for c in categories],
         )

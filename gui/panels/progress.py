@@ -27,6 +27,7 @@ class ProgressPanel(Panel):
     def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(model, theme, parent)
         self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
         self.bar.setAccessibleName("Progress of the scan")
         self.points, self.left, self.end = value(), value(), value()
         self.body.addWidget(self.bar)
@@ -54,9 +55,9 @@ class ProgressPanel(Panel):
             self._estimate, self._estimated_at = model.time_left_s, time.monotonic()
         self.bar.setRange(0, max(model.total, 1))
         self.bar.setValue(model.settled)
-        self.bar.setFormat(f"{100 * model.settled / model.total:.0f} %" if model.total else "")
         missing = f", {model.missing} missing" if model.missing else ""
-        self.points.setText(f"{model.measured} of {model.total} measured{missing}" if model.total else "no plan loaded")
+        share = f" ({100 * model.settled / model.total:.0f} %)" if model.total else ""
+        self.points.setText(f"{model.measured} of {model.total}{share}{missing}" if model.total else "–")
         self._show_time()
 
     def _show_time(self) -> None:

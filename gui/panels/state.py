@@ -60,7 +60,8 @@ class StatePanel(Panel):
         self.text.setText(text)
         self.setAccessibleName(f"State of the scan: {look.title}")
         self.setStyleSheet(
-            f"QFrame#card {{ background: {self.theme.tone_surface[look.tone]}; border-left: 8px solid {colour}; }}"
+            f"QFrame#card {{ background: {self.theme.tone_surface[look.tone]}; border-left: 8px solid {colour};"
+            " border-top-left-radius: 0; border-bottom-left-radius: 0; }"
         )
 
 
