@@ -97,10 +97,12 @@ class ModbusLine(SharedLine):
         )
         return self._of_length(device, list(reply.registers), count)
 
-    def write_register(self, device: str, slave: int, address: int, value: int) -> None:
-        """Write one register (function 06)."""
+    def write_register(self, device: str, slave: int, address: int, value: int, *, urgent: bool = False) -> None:
+        """Write one register (function 06); an urgent write (a stop) goes out before the line is in step again."""
         what = f"write of {value:04X}h to {address:04X}h"
-        reply = self._ask(device, slave, 6, what, lambda: self._client.write_register(address, value, device_id=slave))
+        reply = self._ask(
+            device, slave, 6, what, lambda: self._client.write_register(address, value, device_id=slave), urgent
+        )
         self._same(device, what, (reply.address, list(reply.registers)), (address, [value]))
 
     def write_registers(self, device: str, slave: int, address: int, values: Sequence[int]) -> None:
@@ -165,10 +167,12 @@ class ModbusLine(SharedLine):
                 self._suspect = True
                 raise CommunicationError(device, f"line {self.name!r} is out of step: the echo test got another reply")
 
-    def _ask(self, device: str, slave: int, function: int, what: str, call: Callable[[], ModbusPDU]) -> ModbusPDU:
+    def _ask(
+        self, device: str, slave: int, function: int, what: str, call: Callable[[], ModbusPDU], urgent: bool = False
+    ) -> ModbusPDU:
         """One request and its reply; the shape of the reply is the caller's to check."""
         with self.transaction(device):
-            if self._suspect and slave in self._echoing:
+            if self._suspect and slave in self._echoing and not urgent:
                 self.echo(device, slave)
             self._prepare(device)
             reply = self._execute(device, what, call)

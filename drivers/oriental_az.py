@@ -166,7 +166,7 @@ class OrientalAz:
 
     def stop(self) -> None:
         """Decelerate and stop; the bit is cleared again. May be repeated."""
-        self._pulse(self._options.stop_bit)
+        self._pulse(self._options.stop_bit, urgent=True)
 
     def make_safe(self) -> None:
         """Stop; tried three times before the failure is reported."""
@@ -201,12 +201,12 @@ class OrientalAz:
         )
         return [word for value in fields for word in self._words(value)]
 
-    def _pulse(self, bit: int) -> None:
+    def _pulse(self, bit: int, *, urgent: bool = False) -> None:
         """Set an input of the remote I/O word, and clear the word whatever happens."""
         try:
-            self._line.write_register(self.name, self._options.address, REMOTE_INPUT, 1 << bit)
+            self._line.write_register(self.name, self._options.address, REMOTE_INPUT, 1 << bit, urgent=urgent)
         finally:
-            self._line.write_register(self.name, self._options.address, REMOTE_INPUT, 0)
+            self._line.write_register(self.name, self._options.address, REMOTE_INPUT, 0, urgent=urgent)
 
     def _require_ready(self) -> int:
         """Refuse where the drive cannot move now; returns the word with the coordinate bits."""

@@ -101,3 +101,14 @@ class Peer:
 def unhex(text: str) -> bytes:
     """Bytes of a frame written in hexadecimal."""
     return bytes.fromhex(text)
+
+
+def rtu(text: str) -> bytes:
+    """A Modbus RTU frame: the bytes with their CRC-16 (polynomial A001h, initial value FFFFh), low byte first."""
+    body = unhex(text)
+    crc = 0xFFFF
+    for byte in body:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return body + crc.to_bytes(2, "little")
