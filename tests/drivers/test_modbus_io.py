@@ -151,9 +151,9 @@ def test_without_feedback_the_output_is_read_back(converse: Converse) -> None:
 
 
 def test_a_shutter_that_does_not_open_is_a_fault(converse: Converse) -> None:
-    with line_to(converse(write(4, True), coils(0x10), inputs(0))) as line:
-        with pytest.raises(DeviceFault, match="did not open within 0 s"):
-            shutter(line, travel_time=0.0).open()
+    peer = converse(write(4, True), coils(0x10), inputs(0))
+    with line_to(peer) as line, pytest.raises(DeviceFault, match="did not open within 0 s"):
+        shutter(line, travel_time=0.0).open()
 
 
 def test_closing_is_tried_again_until_it_is_confirmed(converse: Converse) -> None:
@@ -165,9 +165,10 @@ def test_closing_is_tried_again_until_it_is_confirmed(converse: Converse) -> Non
 
 def test_a_module_that_never_answers_is_an_error(converse: Converse) -> None:
     frame = write(4, False)[0]
-    with line_to(converse(*[(frame, None)] * 3), timeout=0.05) as line:
-        with pytest.raises(CommunicationError, match="shutter: write of coil 4 on line 'io': no valid reply"):
-            shutter(line).make_safe()
+    problem = "shutter: write of coil 4 on line 'io': no valid reply"
+    peer = converse(*[(frame, None)] * 3)
+    with line_to(peer, timeout=0.05) as line, pytest.raises(CommunicationError, match=problem):
+        shutter(line).make_safe()
 
 
 def test_a_confirmation_of_another_coil_is_not_taken(converse: Converse) -> None:

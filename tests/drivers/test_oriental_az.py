@@ -128,14 +128,22 @@ def test_a_move_that_the_drive_ignores_is_an_error(converse: Converse, monkeypat
 
 
 def test_a_lost_reply_to_a_move_stops_the_axis_and_nothing_is_sent_again(converse: Converse) -> None:
-    peer = converse(
-        status(), (MOVE_8500[0], None), ECHO, *pulse(0x20), status(READY), long(0xCC, 120),
-    )  # fmt: skip
+    peer = converse(status(), (MOVE_8500[0], None), *pulse(0x20), status(READY), long(0xCC, 120))
     with (
         axis_on(peer, timeout=0.1) as axis,
-        pytest.raises(CommunicationError, match=r"stopped; it is standing at 1.200"),
+        pytest.raises(CommunicationError, match=r"it is standing at 1\.200 degree"),
     ):
         axis.start_move(85.0)
+
+
+def test_a_stop_goes_out_although_the_line_is_out_of_step(converse: Converse) -> None:
+    request = rtu("01 03 00 CC 00 02")
+    echoes = [(rtu(f"01 08 00 00 00 {number:02X}"), None) for number in (1, 2)]
+    problem = "illumination_zenith: echo test on line 'arm': no valid reply"
+    with axis_on(converse((request, None), *echoes, *pulse(0x20)), timeout=0.05) as axis:
+        with pytest.raises(CommunicationError, match=problem):
+            axis.position()
+        axis.stop()
 
 
 def test_an_exception_to_a_move_is_told_in_words(converse: Converse) -> None:
@@ -201,21 +209,14 @@ def test_a_garbled_reply_is_asked_for_again(converse: Converse) -> None:
         assert axis.position() == 2.0
 
 
-def test_silence_names_device_line_and_request(converse: Converse) -> None:
-    request = rtu("01 03 00 CC 00 02")
-    echoes = [(rtu(f"01 08 00 00 00 {number:02X}"), None) for number in (1, 2)]
-    with axis_on(converse((request, None), *echoes), timeout=0.05) as axis:
-        with pytest.raises(CommunicationError, match=r"illumination_zenith: echo test on line 'arm': no valid reply"):
-            axis.position()
-
-
 def test_identity_comes_after_an_echo_and_a_check_of_the_word_order(converse: Converse) -> None:
     temperatures = (rtu("01 03 00 F8 00 04"), rtu("01 03 08 00 00 01 38 00 00 01 1F"))
     with axis_on(converse(ECHO, temperatures)) as axis:
         assert axis.identify() == "Oriental Motor AZ, slave 1, driver 31.2 degC, motor 28.7 degC"
-    with axis_on(converse(ECHO, temperatures), word_order="little") as axis:
-        with pytest.raises(CommandRefused, match="make no sense with word_order 'little', and do with 'big'"):
-            axis.identify()
+    problem = "make no sense with word_order 'little', and do with 'big'"
+    peer = converse(ECHO, temperatures)
+    with axis_on(peer, word_order="little") as axis, pytest.raises(CommandRefused, match=problem):
+        axis.identify()
 
 
 def test_the_little_word_order_reaches_the_wire(converse: Converse) -> None:
