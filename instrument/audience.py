@@ -34,6 +34,11 @@ class Audience:
         for point in sorted(entry_points(group=GROUP) if points is None else points, key=lambda p: p.name):
             self._seat(point)
 
+    @property
+    def seated(self) -> int:
+        """How many observers watch."""
+        return len(self._seats)
+
     def _seat(self, point: EntryPoint) -> None:
         try:
             observer = point.load()(self._bus.publish)

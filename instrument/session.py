@@ -147,6 +147,11 @@ class ScanSession:
         )
 
     @property
+    def observed(self) -> bool:
+        """Whether any observer, such as the twin, watches."""
+        return self._audience is not None and self._audience.seated > 0
+
+    @property
     def state(self) -> State:
         """What the scan is doing."""
         return self._engine.state if self._engine else State.IDLE

@@ -1,0 +1,52 @@
+"""The command ``goniotwin scan``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def scan(
+    plan: Annotated[
+        Path | None, typer.Argument(help="What to measure; with --simulate the laboratory's own example by default.")
+    ] = None,
+    simulate: Annotated[bool, typer.Option("--simulate", help="Use the simulated laboratory.")] = False,
+    speed: Annotated[
+        float | None, typer.Option(min=0.01, help="How many times faster the simulated laboratory's clock runs [1].")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the simulated laboratory's random draws [1].")] = None,
+    devices: Annotated[Path | None, typer.Option(help="Connections of a laboratory (devices.toml).")] = None,
+    facility: Annotated[Path | None, typer.Option(help="What is known of the instrument (facility.toml).")] = None,
+    artifact: Annotated[Path | None, typer.Option(help="What lies on the stage (artifact.toml).")] = None,
+    material: Annotated[Path | None, typer.Option(help="Coupon run or table of its coating.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; runs/<UTC time>-<plan> by default.")] = None,
+    no_twin: Annotated[bool, typer.Option("--no-twin", help="Measure only; nothing is predicted.")] = False,
+    resume: Annotated[Path | None, typer.Option(help="Run folder of an interrupted scan to go on with.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Write how the scan ended to a file, for programs.")] = None,
+) -> None:
+    """Run a scan: measure every point of a plan, with the twin's prediction beside it.
+
+    Ctrl-C ends it in an orderly way, a second Ctrl-C stops everything at once; "p" and Enter rests after the point at
+    hand, Enter goes on. An interrupted scan goes on with --resume.
+    """
+    from instrument.request import ScanRequest
+    from instrument.scan_run import run_scan
+
+    given = {"speed": speed, "seed": seed}
+    request = ScanRequest(
+        plan=plan,
+        simulate=simulate,
+        devices=devices,
+        facility=facility,
+        artifact=artifact,
+        material=material,
+        out=out,
+        twin=not no_twin,
+        resume=resume,
+        **{name: value for name, value in given.items() if value is not None},  # type: ignore[arg-type]
+    )
+    status = run_scan(request, json)
+    if status:
+        raise typer.Exit(status)
