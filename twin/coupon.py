@@ -33,7 +33,7 @@ def from_coupon(run: xr.Dataset, name: str) -> Material:
     -------
     Material
         ``filled`` counts the entries by rule: ``retroreflection`` (linear between the neighbours in zenith),
-        ``sensor_zenith`` and ``illumination_zenith`` (beyond the last measured angle: the nearest value).
+        ``grazing emergence`` and ``grazing incidence`` (beyond the last measured angle: the nearest value).
 
     Raises
     ------
@@ -153,8 +153,8 @@ def _refuse_gaps(table: FloatArray, grid_o: FloatArray, grid_phi: FloatArray, gr
     if len(gaps):
         o, p, i = gaps[0]
         raise InputError(
-            f"{name}: the table has {len(gaps)} gaps of {table.size} entries that are not at retro-reflection, the first"
-            f" at illumination_zenith {grid_i[i]:g}, sensor_zenith {grid_o[o]:g}, azimuth difference"
+            f"{name}: the table has {len(gaps)} gaps of {table.size} entries that are not at retro-reflection, the"
+            f" first at illumination_zenith {grid_i[i]:g}, sensor_zenith {grid_o[o]:g}, azimuth difference"
             f" {grid_phi[p]:g} degrees; expected every combination (the plan of the paper's Table III)"
         )
 
@@ -168,10 +168,10 @@ def _close(table: FloatArray, grid_o: FloatArray, grid_phi: FloatArray, grid_i: 
     # Nodes at grazing and normal angles that were not measured carry the nearest value.
     if cos_o[0] > _GRID:
         cos_o, values = np.concatenate([[0.0], cos_o]), np.concatenate([values[:1], values])
-        filled["sensor_zenith"] = len(grid_phi) * len(grid_i)
+        filled["grazing emergence"] = len(grid_phi) * len(grid_i)
     if cos_i[0] > _GRID:
         cos_i, values = np.concatenate([[0.0], cos_i]), np.concatenate([values[:, :, :1], values], axis=2)
-        filled["illumination_zenith"] = len(grid_phi) * len(cos_o)
+        filled["grazing incidence"] = len(grid_phi) * len(cos_o)
     if cos_i[-1] < 1 - _GRID:
         cos_i, values = np.concatenate([cos_i, [1.0]]), np.concatenate([values, values[:, :, -1:]], axis=2)
     if cos_o[-1] < 1 - _GRID:

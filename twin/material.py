@@ -95,6 +95,15 @@ class Material:
             result += weight * self.brdf[table][index]
         return result
 
+    def describe(self) -> str:
+        """One line on what the tables hold and how much of them was filled."""
+        text = f"material {self.name}: {' x '.join(map(str, self.brdf.shape[1:]))} entries"
+        if self.wavelengths is not None:
+            text += f" at {_listed(self.wavelengths)} nm"
+        if self.filled:
+            text += "; filled: " + ", ".join(f"{count} for {rule}" for rule, count in self.filled.items())
+        return text
+
     def scaled(self, factor: float) -> Material:
         """The same material, its reflectance multiplied."""
         return Material(

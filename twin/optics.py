@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from instrument.angles import FloatArray, direction
 from instrument.facility import Facility
@@ -71,8 +71,8 @@ class Layout:
 
     A sensor ray joins the point ``target + u * along + v * across`` (u, v of the unit disc, or of the square)
     with a mirror point; the direction towards the sensor there is proportional to
-    ``view + inverse_distance * (mirror point - target point)``. The light comes from ``light``, or for a point source from
-    ``light - inverse_source * (place - beam)``, with irradiance exp(-decay r^2) inside ``radius``.
+    ``view + inverse_distance * (mirror point - target point)``. The light comes from ``light``, or for a point source
+    from ``light - inverse_source * (place - beam)``, with irradiance exp(-decay r^2) inside ``radius``.
     """
 
     target: FloatArray
@@ -94,6 +94,11 @@ class Layout:
 
     def __len__(self) -> int:
         return len(self.view)
+
+    def take(self, chosen: NDArray[np.int64]) -> Layout:
+        """The layout of some of the geometries."""
+        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name != "square"}
+        return Layout(**arrays, square=self.square)
 
 
 def geometry_columns(geometries: Any) -> dict[str, FloatArray]:
@@ -242,3 +247,59 @@ def _on_target(layout: Layout, offset: FloatArray) -> FloatArray:
     """Project offsets from the target's centre along the view; coordinates in units of the target's radius."""
     basis = np.stack([layout.along, layout.across, layout.view], axis=-1)
     return np.asarray(np.linalg.solve(basis, offset[..., None])[:, :2, 0])
+
+
+def reference_change(facility: Facility, setup: Setup, nodes: int = 4096) -> float:
+    """Reference reading with an instrument that is off, over that of the nominal one.
+
+    The reading of the run is divided by the reading of a reference sample, taken with the same instrument; the
+    reference sample is taken to be Lambertian, flat and in place.
+    """
+    bare = setup.without_sample()
+    if not setup.changes_the_instrument:
+        return 1.0
+    for field in fields(Setup):
+        if np.ndim(getattr(bare, field.name)):
+            bare = replace(bare, **{field.name: np.mean(getattr(bare, field.name))})
+    reference = facility.reference
+    count = len(reference.sensor_azimuth)
+    columns = {
+        "wavelength": np.full(count, np.nan),
+        "illumination_zenith": np.full(count, reference.illumination_zenith),
+        "illumination_azimuth": np.zeros(count),
+        "sensor_zenith": np.full(count, reference.sensor_zenith),
+        "sensor_azimuth": np.array(reference.sensor_azimuth),
+    }
+    true = _plane_irradiance(lay_out(facility, columns, bare), nodes)
+    nominal = Setup(source_distance_mm=setup.source_distance_mm)
+    return float(np.sum(true) / np.sum(_plane_irradiance(lay_out(facility, columns, nominal), nodes)))
+
+
+def _plane_irradiance(layout: Layout, nodes: int) -> FloatArray:
+    """Mean over the sensor's rays of the irradiance on the plane z = 0, shape (point,)."""
+    from scipy.stats import norm, qmc
+
+    u = qmc.Sobol(6, scramble=True, rng=7).random(nodes)
+    angle, radius = 2 * np.pi * u[:, 0:4:2], np.sqrt(u[:, 1:4:2])
+    disc = radius[:, :, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    normal = norm.ppf(np.clip(u[:, 4:], 1e-9, 1 - 1e-9))
+
+    def across(first: FloatArray, second: FloatArray, pair: FloatArray) -> FloatArray:
+        return first[:, None] * pair[None, :, :1] + second[:, None] * pair[None, :, 1:]
+
+    offset = across(layout.along, layout.across, disc[:, 0])
+    lever = across(layout.mirror_along, layout.mirror_across, disc[:, 1]) - offset
+    towards = layout.view[:, None] + lever * layout.inverse_distance[:, None, None]
+    point = layout.target[:, None] + offset
+    place = point - towards * (point[..., 2:] / towards[..., 2:])
+    from_beam = place - layout.beam[:, None]
+    source = layout.light[:, None] - from_beam * layout.inverse_source[:, None, None]
+    distance = np.linalg.norm(source, axis=-1, keepdims=True)
+    spread = across(layout.light_u, layout.light_v, normal) * layout.divergence_rad[:, None, None]
+    light = source / distance + spread
+    light /= np.linalg.norm(light, axis=-1, keepdims=True)
+    axis = layout.light[:, None]
+    along = np.sum(from_beam * axis, axis=-1) / np.sum(light * axis, axis=-1)
+    r2 = np.sum((from_beam - light * along[..., None]) ** 2, axis=-1)
+    profile = np.where(r2 <= layout.radius[:, None] ** 2, np.exp(-layout.decay[:, None] * r2), 0.0)
+    return np.asarray(np.mean(profile * light[..., 2] / distance[..., 0] ** 2, axis=1))

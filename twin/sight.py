@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
-from twin.optics import Footprint, Layout
 from twin.kernel_math import larger, smaller, standard_normal, uniform_disc
+from twin.optics import Footprint, Layout
 from twin.sequence import Points, mix
 
 #: Columns of a geometry's record, by name.

@@ -1,11 +1,12 @@
 """The ray tracer: radiance towards the sensor, for every geometry in one launch.
 
 Paths start at the sensor (sight lines), look for the beam from every point they meet (next-event estimation) and go
-on by sampling the reflection. A lane of the launch works through its share of the sample points one path after the other,
-so memory does not grow with their number. What depends on geometry, instrument, material or sample is data to the
-compiled kernel, never code: changing it costs no recompilation.
+on by sampling the reflection. A lane of the launch works through its share of the sample points one path after the
+other, so memory does not grow with their number. What depends on geometry, instrument, material or sample is data to
+the compiled kernel, never code: changing it costs no recompilation.
 
-Accuracy: unbiased but for single-precision geometry (offsets of 0.1 micrometre) and hole polygons; sums in double precision.
+Accuracy: unbiased but for single-precision geometry (offsets of 0.1 micrometre) and hole polygons; sums in double
+precision.
 """
 
 from __future__ import annotations

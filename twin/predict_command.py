@@ -1,0 +1,83 @@
+"""``goniotwin predict``: what the instrument should read, before or without measuring."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def predict_command(
+    plan_or_run: Annotated[
+        Path, typer.Argument(metavar="PLAN|RUN", help="A plan (TOML) or a run file.", show_default=False)
+    ],
+    artifact: Annotated[Path, typer.Option(help="artifact.toml of the sample.", show_default=False)],
+    material: Annotated[Path, typer.Option(help="Coupon run, or table of the BRDF.", show_default=False)],
+    facility: Annotated[Path, typer.Option(help="facility.toml of the instrument.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Where the prediction goes.")] = Path("prediction.nc"),
+    standard_error: Annotated[float, typer.Option(help="Relative Monte Carlo error to reach.")] = 0.001,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
+) -> None:
+    """Predict the reflectance factor of every point of a plan or of a run by ray tracing."""
+    from instrument.errors import EXIT_BAD_INPUT, InputError
+
+    try:
+        if not 1e-6 <= standard_error < 1:
+            raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
+        _check_writable(out)
+        _predict(plan_or_run, artifact, material, facility, out, standard_error, seed)
+    except InputError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(EXIT_BAD_INPUT) from None
+
+
+def _check_writable(out: Path) -> None:
+    from instrument.errors import InputError
+
+    if not out.parent.is_dir():
+        raise InputError(f"--out: {out}: there is no folder {out.parent}")
+    if out.is_dir():
+        raise InputError(f"--out: {out}: is a folder; expected the name of a netCDF file")
+
+
+def _predict(
+    plan_or_run: Path, artifact: Path, material: Path, facility: Path, out: Path, standard_error: float, seed: int
+) -> None:
+    import time
+
+    from instrument.artifact import read_artifact
+    from instrument.dataset import write_prediction
+    from instrument.facility import read_facility
+    from twin.material import read_material
+
+    known = read_facility(facility)
+    geometries = _geometries(plan_or_run, known)
+    sample, surface = read_artifact(artifact), read_material(material)
+    typer.echo(surface.describe())
+
+    from twin.prediction import Twin
+
+    twin = Twin(known, sample, surface, seed=seed)
+    started = time.perf_counter()
+    prediction = twin.predict(geometries, standard_error=standard_error)
+    elapsed = time.perf_counter() - started
+    prediction.attrs["inputs"] = f"facility {facility.name}, artifact {artifact.name}, material {material.name}"
+    write_prediction(prediction, out)
+    relative = prediction["u_brf_monte_carlo"] / prediction["brf"]
+    typer.echo(
+        f"{prediction.sizes['point']} points in {elapsed:.1f} s, relative Monte Carlo error"
+        f" {100 * float(relative.median()):.3f} % (median), {100 * float(relative.max()):.3f} % (largest)"
+    )
+    typer.echo(f"u_brf holds {prediction.attrs['u_brf_contains']}")
+    typer.echo(f"written: {out}")
+
+
+def _geometries(path: Path, facility: Any) -> Any:
+    if path.suffix.lower() == ".toml":
+        from instrument.plan import read_plan
+
+        return read_plan(path, facility).points
+    from instrument.dataset import read_run
+
+    return read_run(path)

@@ -1,0 +1,242 @@
+"""What the instrument should read: the expected reflectance factor of every geometry, with its uncertainty."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from instrument.angles import FloatArray
+from instrument.artifact import ArtifactDimensions, read_artifact
+from instrument.errors import InputError
+from instrument.events import Geometry
+from instrument.facility import Facility, read_facility
+from instrument.lambertian import lambertian_flux
+from twin.artifact import Surface, build_mesh
+from twin.material import Material, read_material
+from twin.optics import COORDINATES, Setup, geometry_columns, lay_out, reference_change
+from twin.tracer import RANDOMISATIONS, Mixture, Tracer
+
+#: Sight lines of the first pass, a geometry and randomisation; and of all passes at most.
+_FIRST_PASS, _LIMIT = 64, 2**20
+#: Below this cosine of the sensor zenith the reflectance factor of a flat target is not defined.
+_GRAZING = 1e-3
+_UNITS = {"wavelength": "nm"} | dict.fromkeys(COORDINATES[1:], "degree")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Reflectance factors by ray tracing, arrays of shape (point,).
+
+    Attributes
+    ----------
+    brf, standard_error
+        Mean and standard error over independent randomisations.
+    samples
+        Sight lines traced.
+    """
+
+    brf: FloatArray
+    standard_error: FloatArray
+    samples: NDArray[np.int64]
+
+
+class Twin:
+    """Digital twin of one facility with one artifact of one material.
+
+    Parameters
+    ----------
+    facility, artifact, material
+        What is known of the instrument, the sample's dimensions, and how its surfaces reflect.
+    seed
+        Of every prediction that names none. A prediction depends on seed and geometry only: alone or within a
+        plan, a geometry gets the same value at the same number of samples.
+    surface_factor
+        Reflectance of each surface over the material's.
+    """
+
+    def __init__(
+        self,
+        facility: Facility,
+        artifact: ArtifactDimensions,
+        material: Material,
+        *,
+        seed: int = 1,
+        surface_factor: dict[Surface, float] | None = None,
+    ) -> None:
+        self.facility, self.artifact, self.material, self.seed = facility, artifact, material, seed
+        self.mesh = build_mesh(artifact)
+        self._tracer = Tracer(self.mesh, material, surface_factor=surface_factor)
+
+    @classmethod
+    def from_files(cls, facility: Path, artifact: Path, material: Path, *, seed: int = 1) -> Twin:
+        """Build the twin from its three files; an :class:`~instrument.errors.InputError` names what is wrong."""
+        return cls(read_facility(facility), read_artifact(artifact), read_material(material), seed=seed)
+
+    def predict(
+        self,
+        geometries: Sequence[Geometry] | xr.Dataset,
+        *,
+        standard_error: float | None = 0.001,
+        samples: int | None = None,
+        seed: int | None = None,
+        setup: Setup | None = None,
+    ) -> xr.Dataset:
+        """Predict reflectance factors.
+
+        Parameters
+        ----------
+        geometries
+            Commanded geometries; of a dataset its coordinates along ``point`` are kept.
+        standard_error
+            Relative Monte Carlo error to reach at every point; the number of sight lines follows from it.
+        samples
+            Sight lines of every point instead (rounded up to a power of two in each randomisation).
+        setup
+            What is off in the instrument or in the sample's place: the flux is that of the true geometry, divided by
+            that of the commanded one.
+
+        Returns
+        -------
+        Dataset
+            In the prediction form of the data contract: ``brf``, ``u_brf``, ``u_brf_monte_carlo`` along ``point``.
+
+        Raises
+        ------
+        InputError
+            For a geometry that cannot be predicted: grazing view, wavelength the material was not measured at.
+        """
+        columns = geometry_columns(geometries)
+        seed = self.seed if seed is None else seed
+        estimate = self.estimate(columns, standard_error=standard_error, samples=samples, seed=seed, setup=setup)
+        return _dataset(geometries, columns, estimate, seed)
+
+    def estimate(
+        self,
+        columns: dict[str, FloatArray],
+        *,
+        standard_error: float | None = 0.001,
+        samples: int | None = None,
+        seed: int,
+        setup: Setup | None = None,
+        mixture: Mixture | None = None,
+    ) -> Estimate:
+        """:meth:`predict` on plain arrays."""
+        if samples is None and (standard_error is None or not standard_error > 0):
+            raise InputError(f"standard_error: found {standard_error}; expected a number > 0, or samples")
+        scale = self._scale(columns, setup)
+        layout = lay_out(self.facility, columns, setup)
+        table = self.material.table_index(columns["wavelength"])
+        keys = _keys(columns)
+        count = len(scale)
+        sums, done = np.zeros((count, RANDOMISATIONS)), np.zeros(count, dtype=np.int64)
+
+        def trace(chosen: NDArray[np.int64], first: int, block: int) -> None:
+            value = self._tracer.radiance(
+                layout.take(chosen), table[chosen], block, seed=seed, keys=keys[chosen], first=first, mixture=mixture
+            )
+            sums[chosen] += value * block
+            done[chosen] += block
+
+        if samples is not None:
+            trace(np.arange(count), 0, _power_of_two(samples / RANDOMISATIONS))
+        elif count:
+            trace(np.arange(count), 0, _FIRST_PASS)
+            for first, block, chosen in _passes(sums, done, standard_error):
+                trace(chosen, first, block)
+        means = sums / np.maximum(done, 1)[:, None] * scale[:, None]
+        error = means.std(axis=1, ddof=1) / np.sqrt(RANDOMISATIONS)
+        return Estimate(means.mean(axis=1), error, done * RANDOMISATIONS)
+
+    def _scale(self, columns: dict[str, FloatArray], setup: Setup | None) -> FloatArray:
+        """What turns radiances into reflectance factors, shape (point,)."""
+        view = np.cos(np.deg2rad(columns["sensor_zenith"]))
+        light = np.cos(np.deg2rad(columns["illumination_zenith"]))
+        for name, cosine in (("sensor_zenith", view), ("illumination_zenith", light)):
+            if np.any(cosine < _GRAZING):
+                worst = float(columns[name][int(np.argmin(cosine))])
+                raise InputError(f"{name}: found {worst:g} degrees; expected less than 90 either way")
+        flux = lambertian_flux(
+            self.facility,
+            columns["illumination_zenith"],
+            columns["sensor_zenith"],
+            columns["sensor_azimuth"],
+            illumination_azimuth=columns["illumination_azimuth"],
+        )
+        change = 1.0 if setup is None else reference_change(self.facility, setup)
+        return np.asarray(1 / (flux * change))
+
+
+def _passes(sums: FloatArray, done: NDArray[np.int64], target: float | None) -> Any:
+    """Further blocks of samples, until every error is below the target: (first, block, chosen points).
+
+    Blocks are powers of two and start at a multiple of their length, so that every one is a balanced part of
+    the sequence.
+    """
+    assert target is not None
+    while True:
+        mean, spread = sums.mean(axis=1), sums.std(axis=1, ddof=1) / np.sqrt(RANDOMISATIONS)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            excess = np.where(mean > 0, spread / mean / target, 0.0)
+        open_points = (excess > 1) & (done < _LIMIT)
+        if not np.any(open_points):
+            return
+        first = int(done[open_points].min())
+        chosen = np.flatnonzero(open_points & (done == first))
+        lowest = first & -first
+        # The error falls about with the power -2/3 of the samples.
+        missing = first * (excess[chosen] ** 1.5 - 1)
+        wide = missing > first / 2
+        for group, block in (
+            (chosen[wide], lowest),
+            (chosen[~wide], max(lowest // 2, 1) if lowest == first else lowest),
+        ):
+            if len(group):
+                yield first, block, group
+
+
+def _power_of_two(number: float) -> int:
+    return min(_LIMIT, 1 << max(0, int(np.ceil(np.log2(max(number, 1.0))))))
+
+
+def _keys(columns: dict[str, FloatArray]) -> NDArray[np.uint32]:
+    """Tell geometries apart by their angles, so that a geometry's random numbers do not depend on its company."""
+    rows = np.round(np.stack([columns[name] for name in COORDINATES], axis=1), 6) + 0.0
+    return np.array([zlib.crc32(row.tobytes()) for row in rows], dtype=np.uint32)
+
+
+def _dataset(
+    geometries: Sequence[Geometry] | xr.Dataset, columns: dict[str, FloatArray], estimate: Estimate, seed: int
+) -> xr.Dataset:
+    if isinstance(geometries, xr.Dataset):
+        coords: dict[str, Any] = {name: c for name, c in geometries.coords.items() if c.dims == ("point",)}
+    else:
+        coords = {}
+    for name in COORDINATES:
+        coords.setdefault(name, ("point", columns[name], {"units": _UNITS[name]}))
+    error = estimate.standard_error
+    return xr.Dataset(
+        {
+            "brf": ("point", estimate.brf, {"units": "1", "long_name": "bidirectional reflectance factor"}),
+            "u_brf": ("point", error, {"units": "1", "long_name": "combined standard uncertainty (k=1) of brf"}),
+            "u_brf_monte_carlo": (
+                "point",
+                error.copy(),
+                {"units": "1", "long_name": "standard error of the ray tracer (k=1)"},
+            ),
+        },
+        coords=coords,
+        attrs={
+            "Conventions": "CF-1.11",
+            "title": "predicted reflectance factors",
+            "u_brf_contains": "the ray tracer's standard error alone; no uncertainty of the inputs is propagated",
+            "seed": seed,
+            "sight_lines": int(estimate.samples.sum()),
+        },
+    )
