@@ -75,6 +75,7 @@ class Room:
             "stall": self._stall,
             "alarm": self._alarm,
             "limit_switch": self._limit_switch,
+            "lose_requests": lambda device, count=1: self._faults(device).set("lose", count),
             "drop_replies": lambda device, count=1: self._faults(device).set("drop", count),
             "late_reply": lambda device, count=1, delay=1.0: self._faults(device).set("late", count, delay),
             "corrupt_reply": lambda device, count=1: self._faults(device).set("corrupt", count),
@@ -86,7 +87,26 @@ class Room:
         }
 
     def control(self, action: str, **arguments: Any) -> Any:
-        """Do what a person, or bad luck, does to the room (:doc:`actions <simulated-laboratory>`).
+        """Do what a person, or bad luck, does to the room.
+
+        ============================================ ===============================================================
+        ``mount`` what                               put the reference or the sample on the stage
+        ``state``                                    the whole state of the bench
+        ``motion_commands``                          motion commands (homing too) seen on the wire, by axis
+        ``stall`` axis, count                        the next motions stop half-way and the drive does not notice
+        ``alarm`` axis                               following error (SMC100), overload alarm (AZ)
+        ``limit_switch`` axis, direction             -1 or 1 closes a limit switch, 0 releases it
+        ``lose_requests`` device, count              requests that never arrive
+        ``drop_replies`` device, count               replies that never arrive
+        ``late_reply`` device, count, delay          replies that arrive ``delay`` wall-clock seconds late
+        ``corrupt_reply`` device, count              replies with a garbled byte
+        ``busy`` count                               telegrams that the laser answers with "busy"
+        ``disconnect`` device, seconds               the plug is pulled; back after so many wall-clock seconds
+        ``open_interlock``, ``close_interlock``      the door of the laser
+        ``stick_shutter`` stuck                      the blade stays shut
+        ============================================ ===============================================================
+
+        A device is a role (``sensor_zenith``) or a line (``sensor-arms``): the fault lies on the wire.
 
         Raises
         ------
@@ -150,7 +170,7 @@ class Room:
     def _disconnect(self, device: str, seconds: float = 0.0) -> None:
         line = self._line(device)
         if line == "meter":
-            self._meter.disconnect()
+            self._meter.disconnect(seconds)
             return
         if line == "io":
             with self.bench.lock:

@@ -37,9 +37,9 @@ class AxisModel:
 
     def __init__(self, name: str, design: AxisDesign, clock: Time) -> None:
         self.name, self.design = name, design
-        self.homed = False
-        self.homing = False
-        self.at_limit = 0
+        self._homed = False
+        self._homing = False
+        self._at_limit = 0
         self.stalled = False
         self.stalls_to_come = 0
         self.on_target: Callable[[], None] = lambda: None
@@ -48,6 +48,24 @@ class AxisModel:
         self._zero_error = design.parked
         self._motion: Motion | None = None
         self._stall_time: float | None = None
+
+    @property
+    def homed(self) -> bool:
+        """True once the search for the zero has succeeded."""
+        self._settle()
+        return self._homed
+
+    @property
+    def homing(self) -> bool:
+        """True during the search for the zero."""
+        self._settle()
+        return self._homing
+
+    @property
+    def at_limit(self) -> int:
+        """Limit switch that is closed: -1 lower, 1 upper, 0 none."""
+        self._settle()
+        return self._at_limit
 
     def true_position(self) -> float:
         """Where the arm stands, degree of the laboratory frame."""
@@ -75,7 +93,7 @@ class AxisModel:
     def move(self, target: float, velocity: float, acceleration: float, deceleration: float | None = None) -> None:
         """Go to a position of the drive's counter with the given limits."""
         position, speed = self.true_position(), self.velocity()
-        self.homing, self.stalled, self._stall_time = False, False, None
+        self._homing, self.stalled, self._stall_time = False, False, None
         goal = self._grid(target) + self._zero_error
         now = self._clock.now()
         self._motion = plan_motion(now, position, speed, goal, velocity, acceleration, deceleration)
@@ -89,7 +107,7 @@ class AxisModel:
         position, speed = self.true_position(), self.velocity()
         if self._motion is None:
             return
-        self.homing, self.stalled, self._stall_time = False, False, None
+        self._homing, self.stalled, self._stall_time = False, False, None
         halt = plan_stop(self._clock.now(), position, speed, deceleration or self.design.acceleration)
         end = self._grid(halt.target - self._zero_error) + self._zero_error
         self._motion = Motion(halt.start_time, halt.start, end, halt.segments)
@@ -99,7 +117,7 @@ class AxisModel:
         """Stand still at once: power cut, limit switch or drive fault."""
         self._rest = self._grid(self.true_position() - self._zero_error) + self._zero_error
         self._motion, self._stall_time = None, None
-        self.homing = self.stalled = False
+        self._homing = self.stalled = False
 
     def home(self) -> None:
         """Search the zero: drive there, then feel for the index, ``homing_time`` in all."""
@@ -109,24 +127,28 @@ class AxisModel:
         feel = Segment(max(design.homing_time - approach.duration, 0.0), 0.0, 0.0)
         self._motion = Motion(approach.start_time, position, 0.0, (*approach.segments, feel))
         self._stall_time, self.stalled = None, False
-        self.homed, self.homing = False, True
+        self._homed, self._homing = False, True
 
     def lose_home(self) -> None:
         """Forget the zero: reset, or a limit switch was hit."""
-        self.homed = False
+        self._homed = False
 
     def stall(self, count: int = 1) -> None:
         """Let the next ``count`` motions (or the one under way) stop half-way without the drive noticing."""
-        if self.moving() and not self.homing and count > 0:
+        if self.moving() and not self._homing and count > 0:
             self._stall_time = self._clock.now()
             count -= 1
         self.stalls_to_come = count
 
     def hit_limit(self, direction: int) -> None:
         """Close a limit switch: -1 lower, +1 upper; 0 releases it."""
-        self.at_limit = direction
+        self._at_limit = direction
         if direction:
             self.halt()
+
+    def release_limit(self) -> None:
+        """The arm has been moved off the limit switch."""
+        self._at_limit = 0
 
     def _grid(self, position: float) -> float:
         return round(round(position / self.design.step) * self.design.step, 9)
@@ -149,11 +171,11 @@ class AxisModel:
         position = self._motion.at(now)[0]
         if not self.design.lower <= position <= self.design.upper:
             self._rest = min(max(position, self.design.lower), self.design.upper)
-            self._motion, self.homing = None, False
-            self.at_limit = -1 if position < self.design.lower else 1
+            self._motion, self._homing = None, False
+            self._at_limit = -1 if position < self.design.lower else 1
             return
         if now >= self._motion.end_time:
             self._rest, self._motion = self._motion.target, None
-            self.at_limit = 0
-            if self.homing:
-                self.homing, self.homed, self._zero_error = False, True, 0.0
+            self._at_limit = 0
+            if self._homing:
+                self._homing, self._homed, self._zero_error = False, True, 0.0

@@ -76,8 +76,10 @@ class Amplifier:
             self.code, self._changed = code, self._clock.now()
 
     def effective_gain(self) -> float:
-        """Gain at this moment; a change settles exponentially."""
+        """Gain at this moment; a change settles exponentially, and exactly after ten time constants."""
         elapsed = self._clock.now() - self._changed
+        if elapsed > 10 * self._settling:
+            return self.gain
         return self.gain + (self._previous - self.gain) * math.exp(-elapsed / self._settling)
 
 

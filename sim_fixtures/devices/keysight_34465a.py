@@ -30,7 +30,6 @@ ERRORS = {
     -224: "Illegal parameter value",
     -230: "Data stale",
     -350: "Error queue overflow",
-    -410: "Query INTERRUPTED",
 }
 
 

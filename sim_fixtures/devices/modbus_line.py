@@ -60,7 +60,9 @@ class ModbusLine:
         os.close(self._far)
 
     def _request(self, data: bytes) -> None:
-        os.write(self._inner, data)
+        # The master waits for each answer, so what arrives together is one frame.
+        if not self._line.faults.request_lost():
+            os.write(self._inner, data)
 
     def _reply(self) -> None:
         reply = os.read(self._inner, 512)

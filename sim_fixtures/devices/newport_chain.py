@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from sim_fixtures.bench import Bench
 from sim_fixtures.devices.newport_smc100 import Controller
 from sim_fixtures.devices.newport_syntax import Command, parse
@@ -20,6 +22,7 @@ class Smc100Chain:
 
     def __init__(self, bench: Bench, axes: dict[int, str]) -> None:
         self._bench, self._buffer = bench, b""
+        self.request_lost: Callable[[], bool] = lambda: False
         self.controllers: dict[int, Controller] = {}
         for address, name in axes.items():
             lower, upper = getattr(bench.facility.arms, name)
@@ -39,7 +42,7 @@ class Smc100Chain:
 
     def _line(self, line: str) -> str | None:
         command = parse(line)
-        if command is None:
+        if command is None or self.request_lost():
             return None
         with self._bench.lock:
             if command.address is None:

@@ -110,7 +110,7 @@ class Controller:
     def _lose_reference(self, state: str) -> None:
         self.axis.halt()
         self.axis.lose_home()
-        self.axis.at_limit = 0
+        self.axis.release_limit()
         self._state, self._armed = state, None
 
     def fault(self, name: str) -> None:

@@ -98,6 +98,7 @@ class Interbus:
         self._bench = bench
         self._buffer = bytearray()
         self._open = False
+        self.request_lost: Callable[[], bool] = lambda: False
         self.busy = 0
         self.modules = {source: superk(bench), select: select_filter(bench), driver: rf_driver(bench)}
 
@@ -120,7 +121,7 @@ class Interbus:
             return []
         destination, source, kind, register = body[:4]
         module = self.modules.get(destination)
-        if module is None:
+        if module is None or self.request_lost():
             return []
         if binascii.crc_hqx(body[:-2], 0) != int.from_bytes(body[-2:], "big"):
             return [encode(source, destination, CRC_ERROR, register)]

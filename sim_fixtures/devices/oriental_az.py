@@ -126,7 +126,7 @@ class AzDrive:
 
     def _reset_alarm(self) -> None:
         self.alarm = 0
-        self._axis.at_limit = 0
+        self._axis.release_limit()
 
     def _ready(self) -> bool:
         return self.alarm == 0 and not self._axis.moving()

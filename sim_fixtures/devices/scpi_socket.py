@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+import time
 from typing import Protocol
 
 from sim_fixtures.devices.wire import Faults, deliver
@@ -35,12 +36,14 @@ class ScpiServer:
         self._turn = threading.Lock()
         self._clients: set[socket.socket] = set()
         self._closed = False
+        self._deaf_until = 0.0
         self._listener = socket.create_server(("127.0.0.1", port))
         self.port: int = self._listener.getsockname()[1]
         threading.Thread(target=self._accept, name="meter", daemon=True).start()
 
-    def disconnect(self) -> None:
-        """Break every connection; new ones are accepted at once."""
+    def disconnect(self, seconds: float = 0.0) -> None:
+        """Break every connection; new ones hold only after so many wall-clock seconds."""
+        self._deaf_until = time.monotonic() + seconds
         for client in list(self._clients):
             _hang_up(client)
 
@@ -56,6 +59,9 @@ class ScpiServer:
                 client, _ = self._listener.accept()
             except OSError:  # closed
                 return
+            if time.monotonic() < self._deaf_until:
+                client.close()
+                continue
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._clients.add(client)
             threading.Thread(target=self._talk, args=(client,), name="meter client", daemon=True).start()
@@ -72,6 +78,8 @@ class ScpiServer:
             while data := client.recv(4096):
                 *lines, buffer = (buffer + data).split(b"\n")
                 for line in lines:
+                    if self.faults.request_lost():
+                        continue
                     with self._turn:
                         answer = self._meter.execute(line.decode("latin-1").strip())
                     if answer is not None:

@@ -17,21 +17,28 @@ _IDLE = 0.01
 
 
 class Faults:
-    """What goes wrong on a line: counts of replies that are still to be lost, delayed or garbled."""
+    """What goes wrong on a line: counts of requests still to be lost, of replies still to be lost, late or garbled."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self.drop = self.late = self.corrupt = 0
+        self.lose = self.drop = self.late = self.corrupt = 0
         self.delay = 1.0
 
     def set(self, kind: str, count: int, delay: float | None = None) -> None:
-        """Let the next ``count`` replies suffer ``kind``: drop, late or corrupt."""
-        if kind not in ("drop", "late", "corrupt"):
-            raise ValueError(f"fault: found {kind!r}; expected drop, late or corrupt")
+        """Let the next ``count`` requests suffer ``lose``, or the next replies ``drop``, ``late`` or ``corrupt``."""
+        if kind not in ("lose", "drop", "late", "corrupt"):
+            raise ValueError(f"fault: found {kind!r}; expected lose, drop, late or corrupt")
         with self._lock:
             setattr(self, kind, int(count))
             if delay is not None:
                 self.delay = float(delay)
+
+    def request_lost(self) -> bool:
+        """Whether the request that is just arriving never does."""
+        with self._lock:
+            lost = self.lose > 0
+            self.lose -= lost
+            return lost
 
     def apply(self, reply: bytes) -> tuple[bytes, float]:
         """The reply as it arrives (empty when lost) and after how many wall-clock seconds."""
@@ -63,7 +70,9 @@ def deliver(reply: bytes, faults: Faults, send: Callable[[bytes], None]) -> None
 
 
 class Handler(Protocol):
-    """A device at the end of a line."""
+    """A device at the end of a line; it asks ``request_lost`` about every request that it has recognised."""
+
+    request_lost: Callable[[], bool]
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take what arrived, in pieces of any size; return the replies that are due."""
@@ -101,6 +110,7 @@ class SerialLine:
             for reply in handler.feed(data):
                 deliver(reply, self.faults, self.write)
 
+        handler.request_lost = self.faults.request_lost
         self.listen(receive)
 
     def listen(self, receive: Callable[[bytes], None]) -> None:
