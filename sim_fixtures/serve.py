@@ -51,8 +51,11 @@ def flux_function(kind: str, facility: Facility, artifact: Path, seed: int) -> F
         return lambertian_flux
     from sim_fixtures.reality import Imperfections, Reality
 
-    imperfections = Imperfections.within_budget(facility, seed)
-    return Reality(facility, read_artifact(artifact), imperfections, seed).flux
+    reality = Reality(facility, read_artifact(artifact), Imperfections.within_budget(facility, seed), seed)
+    # A fresh machine compiles the model here rather than while a meter's reply is due.
+    for mounted in ("reference", "sample"):
+        reality.flux(mounted, facility.reference.illumination_zenith, facility.reference.sensor_zenith, 0.0)
+    return reality.flux
 
 
 def _wait_for_end_of_input(ended: threading.Event) -> None:
