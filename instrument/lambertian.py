@@ -1,19 +1,22 @@
 """Flux that an ideal Lambertian sample gives in a geometry: the N of the data contract.
 
 The sensor is a target disc centred on the optical centre, seen from a mirror disc: a ray joins a uniformly sampled
-point of each. With m a point of the mirror and s u a point of the target (u a unit vector in its plane,
-0 <= s <= target radius), the ray meets the sample plane z = 0 at
+point of each. With m a point of the mirror and s u a point of the target (u a unit vector in its plane at the
+angle psi, 0 <= s <= target radius), the ray meets the sample plane z = 0 at
 
     p = s (m_z u - u_z m)/(m_z - s u_z)
 
-so p runs outwards along one straight line as s grows, and leaves the beam once, at a known s. That splits the
-integral over the target exactly at the edge of the iris: what is left is smooth along s, and periodic around
-the disc. A parallel sensor is the limit m -> infinity.
+so p runs outwards along one straight line as s grows and leaves the beam once, at a known s. That splits the
+integral over s exactly at the edge of the iris. Around the disc the integrand has a kink where the edge of the iris
+meets the edge of the target: four angles at most, the arguments of the roots of a quartic, which become limits
+of Gauss-Legendre panels. A parallel sensor is the limit m -> infinity.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,9 +24,23 @@ from numpy.typing import ArrayLike
 from instrument.angles import FloatArray, direction
 from instrument.facility import Beam, Facility, Sensor
 
-#: Nodes along a radius of the target, around it, and along a radius of the mirror and around it.
-_RADIAL, _AROUND, _MIRROR_RADIAL, _MIRROR_AROUND = 6, 256, 2, 6
-_CHUNK = 256
+
+class _Fineness(NamedTuple):
+    """Numbers of nodes: in a panel around the target, of panels, along the mirror and across it."""
+
+    panel: int
+    around_target: int
+    around_footprint: int
+    along_mirror: int
+    across_mirror: int
+
+
+_NORMAL, _GRAZING = _Fineness(8, 4, 8, 4, 3), _Fineness(16, 8, 16, 24, 6)
+#: Sensor zenith in degree beyond which the footprint is long, and mirror radii to the horizon: then the finer rule.
+_GRAZING_ZENITH, _NEAR_HORIZON = 80.5, 3.0
+#: A gaussian beam without an iris ends here, in units of its 1/e^2 radius: exp(-2 * 3.5^2) = 2e-11.
+_GAUSSIAN_END = 3.5
+_CHUNK = 128
 
 
 def lambertian_flux(
@@ -75,63 +92,172 @@ def lambertian_flux(
         axis=1,
         return_inverse=True,
     )
-    values = np.concatenate(
-        [_flux(facility, *keys[:, start : start + _CHUNK]) for start in range(0, keys.shape[1], _CHUNK)]
-        or [np.zeros(0)]
-    )
+    values = np.empty(keys.shape[1])
+    grazing = (np.abs(keys[1]) > _GRAZING_ZENITH) | (_horizon(facility.sensor, keys[1]) < _NEAR_HORIZON)
+    for fineness, which in ((_NORMAL, ~grazing), (_GRAZING, grazing)):
+        rows = np.flatnonzero(which)
+        for start in range(0, len(rows), _CHUNK):
+            chunk = rows[start : start + _CHUNK]
+            values[chunk] = _flux(facility, fineness, *keys[:, chunk])
     return np.asarray(values[np.ravel(inverse)].reshape(shape))
 
 
-def _flux(facility: Facility, illumination: FloatArray, sensor: FloatArray, azimuth: FloatArray) -> FloatArray:
+def _flux(
+    facility: Facility, fineness: _Fineness, illumination: FloatArray, sensor: FloatArray, azimuth: FloatArray
+) -> FloatArray:
     cosine = np.cos(np.deg2rad(illumination))
-    shape = facility.sensor.target_shape
-    zenith = np.zeros_like(sensor) if shape == "horizontal_disc" else sensor
+    zenith = np.zeros_like(sensor) if facility.sensor.target_shape == "horizontal_disc" else sensor
     flux = np.zeros_like(cosine)
-    for mirror_x, mirror_y, weight in _mirror_nodes(facility.sensor):
-        flux += weight * _target_mean(facility, cosine, zenith, azimuth, mirror_x, mirror_y)
-    return cosine * flux
+    for mirror_x, mirror_y, weight in _mirror_nodes(facility.sensor, fineness, zenith):
+        flux += weight * _target_mean(facility, fineness, cosine, zenith, azimuth, mirror_x, mirror_y)
+    return np.asarray(cosine * flux)
+
+
+def _mirror_nodes(
+    sensor: Sensor, fineness: _Fineness, zenith: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Points of the mirror disc that are above the horizon, and their weights; arrays of shape (point,) each.
+
+    One point serves a parallel sensor, and a target that lies flat: what it sees does not depend on the mirror.
+    """
+    zero = np.zeros_like(zenith)
+    if sensor.mirror_diameter == 0 or sensor.target_shape == "horizontal_disc":
+        yield zero, zero, zero + 1
+        return
+    radius = sensor.mirror_diameter / 2
+    # x = radius sin(alpha) points away from the normal, up to where the horizon cuts the disc.
+    last = np.arcsin(np.clip(_horizon(sensor, zenith), -1, 1))
+    share = (last + np.pi / 2 + np.sin(last) * np.cos(last)) / np.pi
+    nodes, weights = _gauss_legendre(fineness.along_mirror)
+    alpha = (last[:, None] + np.pi / 2) * nodes - np.pi / 2
+    strip = weights * np.cos(alpha) ** 2
+    strip *= (share / np.maximum(strip.sum(axis=-1), 1e-300))[:, None]
+    away = np.where(zenith < 0, -radius, radius)
+    for i in range(fineness.along_mirror):
+        for across, weight in zip(*_gauss_legendre(fineness.across_mirror), strict=True):
+            yield away * np.sin(alpha[:, i]), radius * np.cos(alpha[:, i]) * (2 * across - 1), weight * strip[:, i]
+
+
+def _horizon(sensor: Sensor, zenith: FloatArray) -> FloatArray:
+    """How far from the mirror's centre the sample plane cuts it, in mirror radii; infinite where it never does."""
+    sine, cosine = np.abs(np.sin(np.deg2rad(zenith))), np.cos(np.deg2rad(zenith))
+    radius = sensor.mirror_diameter / 2 * sine
+    return np.asarray(
+        np.divide(sensor.mirror_distance * cosine, radius, out=np.full_like(sine, np.inf), where=radius > 0)
+    )
 
 
 def _target_mean(
     facility: Facility,
+    fineness: _Fineness,
     cosine: FloatArray,
     zenith: FloatArray,
     azimuth: FloatArray,
-    mirror_x: float,
-    mirror_y: float,
+    mirror_x: FloatArray,
+    mirror_y: FloatArray,
 ) -> FloatArray:
     """Mean of the beam's profile over the target, seen from one point of the mirror (or along one direction)."""
     sensor, beam = facility.sensor, facility.beam
+    target, visible = sensor.target_diameter / 2, _visible_radius(beam)
     inverse_distance = 1 / sensor.mirror_distance if sensor.mirror_diameter > 0 else 0.0
     view = direction(zenith, azimuth)
     along = direction(zenith + 90.0, azimuth)  # in the plane of the target, towards growing zenith
     across = direction(90.0, azimuth + 90.0)
-    mirror = view + inverse_distance * (mirror_x * along + mirror_y * across)  # in units of the distance
-    psi = (np.arange(_AROUND) + 0.5) * (2 * np.pi / _AROUND)
-    ray = np.cos(psi)[:, None] * along[:, None, :] + np.sin(psi)[:, None] * across[:, None, :]
-    height, slope = mirror[:, None, 2], inverse_distance * ray[..., 2]
-    footprint = height[..., None] * ray - ray[..., 2:] * mirror[:, None, :]
-    spread = np.hypot(cosine[:, None] * footprint[..., 0], footprint[..., 1])  # across the beam
-    reach = np.full(spread.shape, sensor.target_diameter / 2)
-    visible = _visible_radius(beam)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Where the denominator is not positive the ray never leaves the beam, or never meets the plane.
-        edge = np.where(np.isfinite(visible), visible * height / (spread + visible * slope), height / slope)
-    denominator = spread + visible * slope if np.isfinite(visible) else slope
-    reach = np.where(denominator > 0, np.minimum(reach, edge), reach)
-    nodes, weights = _gauss_legendre(_RADIAL)
+    mirror = view + inverse_distance * (
+        mirror_x[:, None] * along + mirror_y[:, None] * across
+    )  # in units of the distance
+    # Footprint of the unit vector at psi, across the beam: cos(psi) a + sin(psi) b, for s = 1 and no divergence.
+    height = np.maximum(mirror[:, 2], 0.0)
+    squeeze = np.stack([cosine, np.ones_like(cosine)], axis=-1)
+    a = squeeze * (height[:, None] * along - along[:, 2:] * mirror)[:, :2]
+    b = squeeze * (height[:, None] * across)[:, :2]
+    drop = inverse_distance * along[:, 2]  # of the unit vector at psi: drop * cos(psi)
+    psi, weight = _panels(fineness, a, b, drop, height, target, visible)
+    spread = np.hypot(*(np.cos(psi) * a[:, i, None] + np.sin(psi) * b[:, i, None] for i in (0, 1)))
+    slope = np.cos(psi) * drop[:, None]
+    reach = _reach(spread, slope, height[:, None], target, visible)
+    nodes, weights = _gauss_legendre(_radial_nodes(beam, visible))
     s = reach[..., None] * nodes
-    radius = s * spread[..., None] / (height[..., None] - s * slope[..., None])
-    radial = np.sum(weights * s * _profile(beam, radius), axis=-1) * reach
-    mean = 2 * radial.mean(axis=-1) / (sensor.target_diameter / 2) ** 2
-    return np.where(mirror[:, 2] > 0, mean, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = s * spread[..., None] / (height[:, None, None] - s * slope[..., None])
+        radial = np.sum(weights * s * _profile(beam, radius), axis=-1) * reach
+    mean = np.sum(weight * radial, axis=-1) / (np.pi * target**2)
+    return np.where(height > 0, mean, 0.0)
+
+
+def _reach(spread: FloatArray, slope: FloatArray, height: FloatArray, target: float, visible: float) -> FloatArray:
+    """Up to which s the rays of an angle meet the lit plane: to the edge of the target, of the beam, or the horizon."""
+    if np.isfinite(visible):
+        edge, steepness = visible * height, spread + visible * slope
+    else:
+        edge, steepness = np.broadcast_to(height, slope.shape), slope
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(steepness > 0, np.minimum(target, edge / steepness), target))
+
+
+def _panels(
+    fineness: _Fineness,
+    a: FloatArray,
+    b: FloatArray,
+    drop: FloatArray,
+    height: FloatArray,
+    target: float,
+    visible: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights around the target, shape (point, node): panels that end where the integrand has a kink."""
+    fixed = np.broadcast_to(
+        np.arange(fineness.around_target) * (2 * np.pi / fineness.around_target), (len(a), fineness.around_target)
+    )
+    chi = (np.arange(fineness.around_footprint) + 0.5) * (2 * np.pi / fineness.around_footprint)
+    length_a, length_b = np.hypot(*a.T)[:, None], np.hypot(*b.T)[:, None]
+    footprint = np.arctan2(length_a * np.sin(chi), length_b * np.cos(chi))
+    limits = [fixed, footprint]
+    if np.isfinite(visible):
+        limits.append(_kinks(a, b, drop, height, target, visible))
+    edges = np.sort(np.mod(np.concatenate(limits, axis=-1), 2 * np.pi), axis=-1)
+    edges = np.concatenate([edges, edges[:, :1] + 2 * np.pi], axis=-1)
+    nodes, weights = _gauss_legendre(fineness.panel)
+    width = np.diff(edges, axis=-1)[..., None]
+    psi, weight = edges[:, :-1, None] + width * nodes, width * weights
+    return psi.reshape(len(a), -1), weight.reshape(len(a), -1)
+
+
+def _kinks(
+    a: FloatArray, b: FloatArray, drop: FloatArray, height: FloatArray, target: float, visible: float
+) -> FloatArray:
+    """Angles where the edges of target and beam meet on the sample, shape (point, 4).
+
+    There |cos(psi) a + sin(psi) b| = visible (height/target - cos(psi) drop). Squared, and with z = exp(i psi), that
+    is a quartic in z whose coefficients are conjugate in pairs. Roots off the unit circle are no kinks; a panel
+    that ends at their argument does no harm.
+    """
+    cos2 = np.sum(a * a, axis=-1) - (visible * drop) ** 2
+    sin2, both = np.sum(b * b, axis=-1), np.sum(a * b, axis=-1)
+    first = 2 * visible**2 * height * drop / target
+    constant = -((visible * height / target) ** 2)
+    leading = (cos2 - sin2) / 4 - 0.5j * both
+    middle = (cos2 + sin2) / 2 + constant
+    scale = np.maximum(np.abs(middle), np.abs(first)) + np.abs(leading) + 1e-300
+    leading = np.where(np.abs(leading) < 1e-12 * scale, 1e-12 * scale, leading)  # a circle: no kink, or nothing but
+    companion = np.zeros((len(a), 4, 4), dtype=complex)
+    companion[:, 1:, :3] = np.eye(3)
+    for row, coefficient in enumerate((np.conj(leading), first / 2, middle, first / 2)):
+        companion[:, row, 3] = -coefficient / leading
+    return np.asarray(np.angle(np.linalg.eigvals(companion)))
+
+
+def _radial_nodes(beam: Beam, visible: float) -> int:
+    """Nodes that a radius needs: the narrower the gaussian inside the iris, the more."""
+    if beam.profile != "gaussian" or beam.radius_1_e2 is None:
+        return 1  # the integrand is linear
+    return 5 + int(1.5 * (visible / beam.radius_1_e2) ** 2)
 
 
 def _visible_radius(beam: Beam) -> float:
     """Where the irradiance ends, mm from the beam's axis; infinite for a beam without an edge."""
     iris = np.inf if beam.diameter == "unbounded" else beam.diameter / 2
     if beam.profile == "gaussian" and beam.radius_1_e2 is not None:
-        return float(min(iris, 3.5 * beam.radius_1_e2))  # exp(-2 * 3.5^2) = 2e-11
+        return float(min(iris, _GAUSSIAN_END * beam.radius_1_e2))
     return float(iris)
 
 
@@ -139,20 +265,6 @@ def _profile(beam: Beam, radius: FloatArray) -> FloatArray:
     if beam.profile == "gaussian" and beam.radius_1_e2 is not None:
         return np.asarray(np.exp(-2 * (radius / beam.radius_1_e2) ** 2))
     return np.ones_like(radius)
-
-
-def _mirror_nodes(sensor: Sensor) -> list[tuple[float, float, float]]:
-    """Points of the mirror disc and their weights; one for a parallel sensor and for a target that lies flat."""
-    if sensor.mirror_diameter == 0 or sensor.target_shape == "horizontal_disc":
-        return [(0.0, 0.0, 1.0)]
-    nodes, weights = _gauss_legendre(_MIRROR_RADIAL)
-    angles = (np.arange(_MIRROR_AROUND) + 0.5) * (2 * np.pi / _MIRROR_AROUND)
-    radii = sensor.mirror_diameter / 2 * np.sqrt(nodes)
-    return [
-        (float(radius * np.cos(angle)), float(radius * np.sin(angle)), float(weight / _MIRROR_AROUND))
-        for radius, weight in zip(radii, weights, strict=True)
-        for angle in angles
-    ]
 
 
 @lru_cache(maxsize=8)

@@ -53,7 +53,8 @@ def summarise(
     """
     facility = read_facility(facility_file) if facility_file is not None else _NOBODYS_FACILITY
     plan = read_plan(plan_file, facility)
-    limits = {axis: AxisLimits(*getattr(facility.arms, axis), velocity, acceleration) for axis in AXES}
+    travel = {axis: getattr(facility.arms, axis) for axis in AXES}
+    limits = {axis: AxisLimits(low, high, velocity, acceleration) for axis, (low, high) in travel.items()}
     reference = _reference_geometries(plan, facility)
     try:
         ways = check_plan(
@@ -82,14 +83,16 @@ def print_summary(plan: Plan, summary: dict[str, Any], *, every_point: bool, con
     console.print(f"[bold]{plan.title or plan.source}[/bold]: {len(plan.points)} points, {len(plan.blocked)} blocked")
     console.print(_planes(plan))
     if plan.blocked:
-        console.print("Blocked:")
-        for blocked in plan.blocked:
-            console.print(f"  {describe(blocked.geometry)}: {blocked.reason}")
+        for reason in dict.fromkeys(blocked.reason for blocked in plan.blocked):
+            console.print(f"Blocked, {reason}:")
+            for blocked in plan.blocked:
+                if blocked.reason == reason:
+                    console.print(f"  {describe(blocked.geometry)}")
     if every_point:
         console.print("Points, in order:")
         for index, point in enumerate(plan.points):
             console.print(f"  {index:5d}  {describe(point)}")
-    detours = f", {summary['detours']} of them around the shadow cone" if summary["detours"] else ""
+    detours = f" ({summary['detours']} points are reached around the shadow cone)" if summary["detours"] else ""
     console.print(
         f"Takes about {spoken(summary['duration_s'])}: {len(plan.points)} points and"
         f" {summary['reference_readings']} reference readings of {plan.samples} samples;"

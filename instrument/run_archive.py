@@ -12,8 +12,9 @@ import xarray as xr
 
 from instrument.errors import InputError
 from instrument.journal import JOURNAL_NAME, JournalContent, read_journal
+from instrument.request import FACILITY_NAME, PLAN_NAME
 from instrument.run_build import run_of_journal
-from instrument.run_folder import FACILITY_NAME, PLAN_NAME, RUN_NAME
+from instrument.run_folder import RUN_NAME
 from instrument.run_read import read_run
 
 #: Derived values may differ by rounding when another machine computes them again.
@@ -132,7 +133,7 @@ def _complete(content: JournalContent) -> Check:
 def _copy(path: Path, expected: str) -> Check:
     if not path.exists():
         return Check(path.name, False, "missing")
-    same = path.read_bytes() == expected.encode()
+    same = path.read_text(encoding="utf-8", errors="replace") == expected
     return Check(path.name, same, "as it was at the start" if same else "changed since the run was started")
 
 
