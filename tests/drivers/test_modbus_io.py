@@ -159,7 +159,7 @@ def test_a_shutter_that_does_not_open_is_a_fault(converse: Converse) -> None:
 def test_closing_is_tried_again_until_it_is_confirmed(converse: Converse) -> None:
     frame = write(4, False)[0]
     peer = converse((frame, None), write(4, False), (rtu("01 01 00 00 00 08"), None), coils(0), inputs(0))
-    with line_to(peer, timeout=0.06) as line:
+    with line_to(peer, timeout=0.15) as line:
         shutter(line).make_safe()
 
 
@@ -167,11 +167,11 @@ def test_a_module_that_never_answers_is_an_error(converse: Converse) -> None:
     frame = write(4, False)[0]
     problem = "shutter: write of coil 4 on line 'io': no valid reply"
     peer = converse(*[(frame, None)] * 3)
-    with line_to(peer, timeout=0.05) as line, pytest.raises(CommunicationError, match=problem):
+    with line_to(peer, timeout=0.15) as line, pytest.raises(CommunicationError, match=problem):
         shutter(line).make_safe()
 
 
 def test_a_confirmation_of_another_coil_is_not_taken(converse: Converse) -> None:
     peer = converse((write(4, False)[0], write(3, False)[0]), write(4, False), coils(0), inputs(0))
-    with line_to(peer, timeout=0.1) as line:
+    with line_to(peer, timeout=0.15) as line:
         shutter(line).shut()

@@ -171,7 +171,7 @@ def test_a_move_of_unknown_fate_is_stopped_and_read_back(converse: Converse) -> 
         ask("TS", "000033"),
     )  # fmt: skip
     with (
-        axis_on(peer, timeout=0.06) as axis,
+        axis_on(peer, timeout=0.15) as axis,
         pytest.raises(CommunicationError, match=r"PA: no reply.*the axis was stopped; it is ready, after moving"),
     ):
         axis.start_move(70.0)
@@ -179,14 +179,14 @@ def test_a_move_of_unknown_fate_is_stopped_and_read_back(converse: Converse) -> 
 
 def test_a_lost_answer_to_a_query_is_asked_for_again_once_the_line_is_in_step(converse: Converse) -> None:
     peer = converse(tell("TP"), ask("VE", " x"), ask("TP", "7"))
-    with axis_on(peer, timeout=0.1) as axis:
+    with axis_on(peer, timeout=0.15) as axis:
         assert axis.position() == 7.0
 
 
 def test_a_late_answer_is_not_taken_for_the_next_one(converse: Converse) -> None:
     # The first answer comes while the line is brought back into step, just before the step's own answer.
-    peer = converse((b"1TP\r\n", Late(0.22, b"1TP3\r\n")), (b"1VE\r\n", Late(0.12, b"1VE x\r\n")), ask("TP", "7"))
-    with axis_on(peer, timeout=0.15) as axis:
+    peer = converse((b"1TP\r\n", Late(0.27, b"1TP3\r\n")), (b"1VE\r\n", Late(0.1, b"1VE x\r\n")), ask("TP", "7"))
+    with axis_on(peer, timeout=0.2) as axis:
         assert axis.position() == 7.0
 
 
@@ -238,7 +238,7 @@ def test_settings_are_written_again_after_the_zero_was_lost(converse: Converse) 
 def test_stop_may_be_repeated_and_making_safe_tries_again(converse: Converse) -> None:
     mute = [tell("ST"), tell("TS"), tell("VE"), tell("VE")]
     peer = converse(tell("ST"), ask("TS", "000033"), *mute, tell("ST"), ask("VE", " x"), ask("TS", "000033"))
-    with axis_on(peer, timeout=0.06) as axis:
+    with axis_on(peer, timeout=0.15) as axis:
         axis.stop()
         axis.make_safe()
 

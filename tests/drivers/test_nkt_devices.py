@@ -176,7 +176,7 @@ def test_a_lost_and_a_garbled_reply_are_asked_for_again(converse: Converse) -> N
     request, reply = bus.read(0x66, 1)
     assert isinstance(reply, bytes)
     garbled = (request, reply[:4] + b"\xff" + reply[5:])
-    with line_to(converse(lost, garbled, bus.read(0x66, 1)), timeout=0.06) as line:
+    with line_to(converse(lost, garbled, bus.read(0x66, 1)), timeout=0.15) as line:
         assert laser(line).emission()
 
 
@@ -188,7 +188,7 @@ def test_a_late_reply_is_exposed_by_its_old_source_address(converse: Converse) -
     assert isinstance(fresh, bytes)
     # The stale reply comes after the line fell silent, in front of the fresh one.
     peer = converse((request, None), (again, stale + fresh))
-    with line_to(peer, timeout=0.06) as line:
+    with line_to(peer, timeout=0.15) as line:
         assert not laser(line).emission()
 
 
@@ -196,7 +196,7 @@ def test_a_reply_just_past_its_deadline_is_waited_out(converse: Converse) -> Non
     bus = Bus(15)
     request, late = bus.read(0x66, 1)
     assert isinstance(late, bytes)
-    with line_to(converse((request, Late(0.1, late)), bus.read(0x66, 0)), timeout=0.08) as line:
+    with line_to(converse((request, Late(0.18, late)), bus.read(0x66, 0)), timeout=0.15) as line:
         assert not laser(line).emission()
 
 
@@ -209,14 +209,14 @@ def test_a_register_that_is_refused_is_not_asked_for_again(converse: Converse) -
 def test_silence_names_device_and_line(converse: Converse) -> None:
     bus = Bus(15)
     peer = converse(*[bus.ask(Kind.READ, 0x66, b"", None) for _ in range(4)])
-    with line_to(peer, timeout=0.03) as line, pytest.raises(CommunicationError, match="source: no reply .* 'laser'"):
+    with line_to(peer, timeout=0.12) as line, pytest.raises(CommunicationError, match=r"source: no reply .* 'laser'"):
         laser(line).keep_alive()
 
 
 def test_making_safe_switches_off_and_tries_again(converse: Converse) -> None:
     bus = Bus(15)
     silent = [bus.ask(Kind.WRITE, 0x30, b"\x00", None) for _ in range(4)]
-    with line_to(converse(*silent, bus.write(0x30, 0, 1), bus.read(0x66, 0)), timeout=0.03) as line:
+    with line_to(converse(*silent, bus.write(0x30, 0, 1), bus.read(0x66, 0)), timeout=0.12) as line:
         laser(line).make_safe()
 
 

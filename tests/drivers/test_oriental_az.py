@@ -130,7 +130,7 @@ def test_a_move_that_the_drive_ignores_is_an_error(converse: Converse, monkeypat
 def test_a_lost_reply_to_a_move_stops_the_axis_and_nothing_is_sent_again(converse: Converse) -> None:
     peer = converse(status(), (MOVE_8500[0], None), *pulse(0x20), status(READY), long(0xCC, 120))
     with (
-        axis_on(peer, timeout=0.1) as axis,
+        axis_on(peer, timeout=0.15) as axis,
         pytest.raises(CommunicationError, match=r"it is standing at 1\.200 degree"),
     ):
         axis.start_move(85.0)
@@ -140,7 +140,7 @@ def test_a_stop_goes_out_although_the_line_is_out_of_step(converse: Converse) ->
     request = rtu("01 03 00 CC 00 02")
     echoes = [(rtu(f"01 08 00 00 00 {number:02X}"), None) for number in (1, 2)]
     problem = "illumination_zenith: echo test on line 'arm': no valid reply"
-    with axis_on(converse((request, None), *echoes, *pulse(0x20)), timeout=0.05) as axis:
+    with axis_on(converse((request, None), *echoes, *pulse(0x20)), timeout=0.15) as axis:
         with pytest.raises(CommunicationError, match=problem):
             axis.position()
         axis.stop()
@@ -186,8 +186,8 @@ def test_in_position_means_that_feedback_agrees_with_the_command(
 
 def test_a_late_reply_of_the_same_length_is_not_taken_for_the_next_one(converse: Converse) -> None:
     request = rtu("01 03 00 CC 00 02")
-    peer = converse((request, Late(0.14, rtu("01 03 04 00 00 00 01"))), ECHO, (request, rtu("01 03 04 00 00 00 C8")))
-    with axis_on(peer, timeout=0.1) as axis:
+    peer = converse((request, Late(0.18, rtu("01 03 04 00 00 00 01"))), ECHO, (request, rtu("01 03 04 00 00 00 C8")))
+    with axis_on(peer, timeout=0.15) as axis:
         assert axis.position() == 2.0
 
 
@@ -195,17 +195,17 @@ def test_a_reply_that_comes_while_the_line_gets_back_into_step_is_not_taken_eith
     request = rtu("01 03 00 CC 00 02")
     second = rtu("01 08 00 00 00 02")
     peer = converse(
-        (request, Late(0.24, rtu("01 03 04 00 00 00 01"))), (ECHO[0], Late(0.12, ECHO[1])), (second, second),
+        (request, Late(0.27, rtu("01 03 04 00 00 00 01"))), (ECHO[0], Late(0.1, ECHO[1])), (second, second),
         (request, rtu("01 03 04 00 00 00 C8")),
     )  # fmt: skip
-    with axis_on(peer, timeout=0.15) as axis:
+    with axis_on(peer, timeout=0.2) as axis:
         assert axis.position() == 2.0
 
 
 def test_a_garbled_reply_is_asked_for_again(converse: Converse) -> None:
     request = rtu("01 03 00 CC 00 02")
     peer = converse((request, unhex("01 03 04 FF FF FF F7 3B A1")), ECHO, (request, rtu("01 03 04 00 00 00 C8")))
-    with axis_on(peer, timeout=0.1) as axis:
+    with axis_on(peer, timeout=0.15) as axis:
         assert axis.position() == 2.0
 
 

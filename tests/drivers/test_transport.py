@@ -69,8 +69,8 @@ def test_a_torn_reply_is_quoted(converse: Converse) -> None:
 
 
 def test_a_reply_that_comes_after_its_deadline_is_not_taken_for_the_next_one(converse: Converse) -> None:
-    peer = converse((b"one\n", Late(0.15, b"1\n")), (b"two\n", b"2\n"))
-    line = serial_line(peer.port, timeout=0.12)
+    peer = converse((b"one\n", Late(0.23, b"1\n")), (b"two\n", b"2\n"))
+    line = serial_line(peer.port, timeout=0.2)
     with pytest.raises(NoReply):
         line.exchange("arm", b"one\n", LF)
     assert line.exchange("arm", b"two\n", LF) == b"2\n"
