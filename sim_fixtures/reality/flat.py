@@ -30,7 +30,7 @@ def lambertian_radiance(beam: Bundle, sensor: Bundle) -> float:
     Returns
     -------
     float
-        In units of the beam's peak irradiance, 1/sr. Error about 2e-5 of it; a sensor direction on the wrong
+        In units of the beam's peak irradiance, 1/sr. Error below 1e-4 of it; a sensor direction on the wrong
         side of the plane gives 0.
     """
     if sensor.shape != DISC or beam.shape != DISC:
