@@ -58,7 +58,7 @@ def start_application() -> QApplication:
 
     from gui.theme import ensure_fonts
 
-    hold_booleans()
+    hold_singletons()
     application = QApplication.instance()
     if not isinstance(application, QApplication):
         qInstallMessageHandler(_explain_fatal)
@@ -71,17 +71,17 @@ def start_application() -> QApplication:
     return application
 
 
-def hold_booleans() -> None:
-    """Keep PySide6 6.12.0 from destroying ``True`` on Python 3.11.
+def hold_singletons() -> None:
+    """Keep PySide6 6.12.0 from destroying ``None``, ``True`` and ``False`` before Python 3.12.
 
-    Every ``Signal.emit`` of that version gives away a reference to ``True`` that it does not own, and every failed
-    ``disconnect`` one to ``False`` (6.11.3 does not). After some thousand signals the count reaches zero and Python
-    ends with "bool_dealloc: deallocating True or False". Since Python 3.12 these objects are immortal; before, a
-    count that no run can use up does the same. Does nothing where it is not needed.
+    That version gives away a reference it does not own whenever one of its functions returns one of them (6.11.3
+    does not): harmless since Python 3.12, where they are immortal, but before that their counts reach zero after some
+    thousand calls, and Python ends with "deallocating None". A count that no run can use up makes them immortal
+    here too.
     """
     if sys.version_info >= (3, 12):
         return
-    for constant in (True, False):
+    for constant in (None, True, False, NotImplemented, ...):
         count = ctypes.c_ssize_t.from_address(id(constant))  # the first field of a CPython object
         if count.value < _MANY:
             count.value += _MANY

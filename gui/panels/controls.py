@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QGridLayout, QPushButton, QSizePolicy, QWidget
 
 from gui import marks
-from gui.looks import actions
+from gui.looks import Actions, actions
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel
 from gui.theme import Theme
@@ -33,6 +33,7 @@ class ControlsPanel(Panel):
         super().__init__(model, theme, parent)
         grid = QGridLayout()
         grid.setSpacing(8)
+        self._allowed: Actions | None = None
         self.buttons: dict[str, QPushButton] = {}
         self.shortcuts: dict[str, QShortcut] = {}
         for column, (command, (label, key, _, tip)) in enumerate(BUTTONS.items()):
@@ -45,6 +46,8 @@ class ControlsPanel(Panel):
             button.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
             button.clicked.connect(lambda _=False, command=command: self.asked.emit(command))
             shortcut = QShortcut(QKeySequence(key), self)
+            if command == "halt":
+                shortcut.setContext(Qt.ShortcutContext.ApplicationShortcut)  # also while a question is open
             shortcut.activated.connect(button.click)
             self.buttons[command], self.shortcuts[command] = button, shortcut
             grid.addWidget(button, 0, column)
@@ -57,6 +60,9 @@ class ControlsPanel(Panel):
         if not (changes.state or changes.scan):
             return
         allowed = actions(self.model.state, self.model.connected)
+        if allowed == self._allowed and not changes.scan:
+            return
+        self._allowed = allowed
         for command, button in self.buttons.items():
             enabled = getattr(allowed, command)
             if button.hasFocus() and not enabled:

@@ -42,13 +42,11 @@ class MessageTable(QAbstractTableModel):
         """The message in a row."""
         return self._lines[row]
 
-    def rowCount(self, parent: _WRAPPED = 12  # newest lines that are shown whole; older ones tell the rest when pointed at
-_Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
         """Number of messages."""
         return 0 if parent.isValid() else len(self._lines)
 
-    def columnCount(self, parent: _WRAPPED = 12  # newest lines that are shown whole; older ones tell the rest when pointed at
-_Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
+    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
         """Number of columns."""
         return len(_COLUMNS)
 

@@ -132,22 +132,30 @@ class PlanesPanel(Panel):
         self.view.verticalHeader().hide()
         self.view.verticalHeader().setDefaultSectionSize(22)
         header = self.view.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setMinimumSectionSize(38)
         header.setHighlightSections(False)
         self.body.addWidget(self.view)
         self._showing = False
         self.view.selectionModel().currentRowChanged.connect(self._chosen)
-        self.table.reload()
+        self._reload()
 
     def refresh(self, changes: Changes) -> None:
         """Show new counts."""
         if changes.scan:
-            self._showing = True
-            self.table.reload()
-            self._showing = False
+            self._reload()
         elif changes.planes:
             self.table.update(changes.planes)
+
+    def _reload(self) -> None:
+        """Show another plan; the columns keep their widths while its numbers grow."""
+        self._showing = True
+        self.table.reload()
+        header = self.view.horizontalHeader()
+        header.resizeSections(QHeaderView.ResizeMode.ResizeToContents)
+        room = self.view.fontMetrics().horizontalAdvance("00")
+        for column in range(header.count()):
+            header.resizeSection(column, header.sectionSize(column) + (room if column < header.count() - 4 else 0))
+        self._showing = False
 
     def show_plane(self, plane: PlaneKey | None) -> None:
         """Mark the plane that is shown."""

@@ -59,10 +59,12 @@ class StatePanel(Panel):
         self.name.setText(look.title)
         self.text.setText(text)
         self.setAccessibleName(f"State of the scan: {look.title}")
-        self.setStyleSheet(
+        style = (
             f"QFrame#card {{ background: {self.theme.tone_surface[look.tone]}; border-left: 8px solid {colour};"
             " border-top-left-radius: 0; border-bottom-left-radius: 0; }"
         )
+        if style != self.styleSheet():  # Qt lays out anew even where nothing changes
+            self.setStyleSheet(style)
 
 
 PANEL = StatePanel

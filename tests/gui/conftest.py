@@ -3,6 +3,54 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from window_stage import RecordingController, Stage
+
+if TYPE_CHECKING:
+    from PySide6.QtWidgets import QApplication
+    from pytestqt.qtbot import QtBot
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
-os.environ.setdefault("PYTEST_QT_API", "pyside6")
+
+
+@pytest.fixture(scope="session")
+def qapp() -> QApplication:
+    """The application as the command makes it, in place of pytest-qt's plain one."""
+    from gui.application import start_application
+
+    return start_application()
+
+
+@pytest.fixture
+def make_stage(qtbot: QtBot, tmp_path: Path) -> Callable[..., Stage]:
+    """Makes windows driven by hand."""
+    from PySide6.QtCore import QSettings
+
+    from gui.window import MainWindow
+
+    def make(**more: object) -> Stage:
+        controller, plans = RecordingController(), []
+
+        def factory(listener: object, plan: Path | None) -> RecordingController:
+            plans.append(plan)
+            return controller
+
+        settings = QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+        window = MainWindow(factory, settings, **more)  # type: ignore[arg-type]
+        qtbot.addWidget(window, before_close_func=lambda w: setattr(w.model, "connected", False))
+        with qtbot.waitActive(window):
+            window.show()
+            window.activateWindow()
+        return Stage(window, controller, plans)
+
+    return make
+
+
+@pytest.fixture
+def stage(make_stage: Callable[..., Stage]) -> Stage:
+    """A window driven by hand."""
+    return make_stage()

@@ -1,0 +1,47 @@
+"""A window whose engine is a test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gui.window import MainWindow
+
+
+class RecordingController:
+    """Stands where a session would: remembers what was asked of it and says nothing by itself."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def start(self) -> None:
+        self.asked.append("start")
+
+    def pause(self) -> None:
+        self.asked.append("pause")
+
+    def resume(self) -> None:
+        self.asked.append("resume")
+
+    def abort(self) -> None:
+        self.asked.append("abort")
+
+    def halt(self) -> None:
+        self.asked.append("halt")
+
+    def answer(self, done: bool) -> None:
+        self.asked.append(f"answer {done}")
+
+
+class Stage:
+    """A window, the controller behind it, and the plans its controllers were made for."""
+
+    def __init__(self, window: MainWindow, controller: RecordingController, plans: list[Path | None]) -> None:
+        self.window, self.controller, self.plans = window, controller, plans
+
+    def play(self, *events: object) -> None:
+        """Let events arrive and be shown."""
+        for event in events:
+            self.window.bridge.on_event(event)  # type: ignore[arg-type]
+        self.window.bridge.flush()
