@@ -66,7 +66,7 @@ class ScanEngine:
         self._job = job
         self._controls = Controls(job.clock)
         self._report = Reporter(job.clock, job.journal, bus)
-        self._evaluator = Evaluator(job.facility)
+        self._evaluator = Evaluator(job.facility, job.plan.points)
         self._progress = Progress(len(job.plan), job.previous.points if job.previous else ())
         self._begun: set[int] = set()
         self._failures = 0

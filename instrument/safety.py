@@ -24,8 +24,8 @@ from instrument.events import Geometry
 from instrument.facility import Arms
 from instrument.plan import SHADOW_SLACK, describe
 
-#: Spacing of the ways around the cone that are tried, degree.
-_DETOUR_STEP = 15.0
+#: Spacing of the ways around the cone that are tried, degree: a coarse lattice first.
+_DETOUR_STEPS = (45.0, 15.0)
 #: Seconds that a move costs beyond its profile (settling, read-back): prefers ways with few moves.
 _MOVE_COST = 1.0
 
@@ -110,6 +110,7 @@ class Envelope:
     travel: Mapping[str, tuple[float, float]]
     cone: float
     speeds: Mapping[str, AxisLimits] = field(default_factory=dict)
+    _known: dict[tuple[Pose, Pose], tuple[Leg, ...]] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, arms: Arms, limits: Mapping[str, AxisLimits]) -> Envelope:
@@ -174,16 +175,22 @@ class Envelope:
         SafetyError
             If every way crosses the cone or leaves the travel.
         """
+        if (start, target) not in self._known:
+            self._known[start, target] = self._find(start, target)
+        return self._known[start, target]
+
+    def _find(self, start: Pose, target: Pose) -> tuple[Leg, ...]:
         direct = min(self._direct(start, target), key=self._cost, default=None)
         if direct is not None:
             return direct
-        around = self._search(start, target)
-        if around is None:
-            raise SafetyError(
-                f"no way from {_say(start)} to {_say(target)} keeps {self.cone:g} degrees from the beam within the"
-                " travel of the arms; reorder the plan or widen the travel"
-            )
-        return around
+        for step in _DETOUR_STEPS:
+            around = self._search(start, target, step)
+            if around is not None:
+                return around
+        raise SafetyError(
+            f"no way from {_say(start)} to {_say(target)} keeps {self.cone:g} degrees from the beam within the"
+            " travel of the arms; reorder the plan or widen the travel"
+        )
 
     def _direct(self, start: Pose, target: Pose) -> Iterator[tuple[Leg, ...]]:
         for order in permutations(leg.axis for leg in _straight(start, target)):
@@ -197,9 +204,9 @@ class Envelope:
             else:
                 yield tuple(legs)
 
-    def _search(self, start: Pose, target: Pose) -> tuple[Leg, ...] | None:
+    def _search(self, start: Pose, target: Pose, step: float) -> tuple[Leg, ...] | None:
         """The A* algorithm over a lattice of poses; what a direct way would still cost never overestimates."""
-        stops = self._stops(start, target)
+        stops = self._stops(start, target, step)
         order = count()
         queue: list[tuple[float, int, float, Pose, tuple[Leg, ...]]] = [(0.0, next(order), 0.0, start, ())]
         done: set[Pose] = set()
@@ -221,14 +228,14 @@ class Envelope:
                         heapq.heappush(queue, (likely, next(order), spent, after, (*legs, leg)))
         return None
 
-    def _stops(self, start: Pose, target: Pose) -> dict[str, list[float]]:
+    def _stops(self, start: Pose, target: Pose, step: float) -> dict[str, list[float]]:
         """Values of each arm that a way around may use: a lattice, and a cone's width beside both ends."""
         stops = {}
         for axis in AXES:
             low, high = self.travel[axis]
             ends = {getattr(start, axis), getattr(target, axis)}
-            steps = max(math.ceil((high - low) / _DETOUR_STEP), 1)
-            lattice = {low + (high - low) * step / steps for step in range(steps + 1)}
+            steps = max(math.ceil((high - low) / step), 1)
+            lattice = {low + (high - low) * number / steps for number in range(steps + 1)}
             beside = {end + side * 2.5 * self.cone for end in ends for side in (-1, 1)}
             allowed = {value for value in lattice | beside if low <= value <= high}
             stops[axis] = sorted(allowed | ends)
