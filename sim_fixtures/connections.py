@@ -43,7 +43,8 @@ def write_devices(path: Path, ports: Mapping[str, str], meter: int, speed: float
 
 
 def _lines(ports: Mapping[str, str], meter: int) -> dict[str, Any]:
-    # Replies may wait for the optical model on a busy machine: time-outs leave room for that.
+    # Replies may wait for the optical model on a busy machine: time-outs leave room for that. Lines run at the highest
+    # rate the devices can be set to: Modbus clients keep a silence of some characters, which no clock makes faster.
     return {
         "sensor-arms": {"kind": "serial", "port": ports["sensor-arms"], "baudrate": 57600, "timeout": 1.0},
         "illumination-arm": {
@@ -57,7 +58,7 @@ def _lines(ports: Mapping[str, str], meter: int) -> dict[str, Any]:
         "io": {
             "kind": "modbus-serial",
             "port": ports["io"],
-            "baudrate": 9600,
+            "baudrate": 115200,
             "timeout": 3.0,
             "frame_gap": 0.0,
         },

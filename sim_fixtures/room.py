@@ -64,7 +64,7 @@ class Room:
         self._lines["laser"].serve(self._bus)
         self._modbus = [
             ModbusLine(self._lines["illumination-arm"], [self._drive.slave]),
-            ModbusLine(self._lines["io"], [self._io.slave], baudrate=9600),
+            ModbusLine(self._lines["io"], [self._io.slave]),
         ]
         self._meter = ScpiServer(Multimeter(bench))
         self.endpoints = Endpoints({name: line.link for name, line in self._lines.items()}, self._meter.port)
