@@ -108,20 +108,15 @@ DARK = Theme(
 )
 
 
-def current_theme() -> Theme:
-    """The theme in use."""
-    return DARK if QGuiApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark else LIGHT
-
-
 def choose(choice: Choice) -> Theme:
     """Use a light or dark palette, or what the desktop says; returns the theme."""
     application = QApplication.instance()
     assert isinstance(application, QApplication)
+    hints = QGuiApplication.styleHints()
     scheme = {"system": Qt.ColorScheme.Unknown, "light": Qt.ColorScheme.Light, "dark": Qt.ColorScheme.Dark}[choice]
-    QGuiApplication.styleHints().setColorScheme(scheme)
-    theme = LIGHT
-    if choice == "dark" or (choice == "system" and current_theme().dark):
-        theme = DARK
+    hints.setColorScheme(scheme)
+    dark = choice == "dark" or (choice == "system" and hints.colorScheme() is Qt.ColorScheme.Dark)
+    theme = DARK if dark else LIGHT
     application.setPalette(_palette(theme))
     application.setStyleSheet(_style_sheet(theme))
     return theme

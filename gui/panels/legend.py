@@ -57,8 +57,8 @@ def legend(theme: Theme) -> QWidget:
     row.setContentsMargins(0, 0, 0, 0)
     row.setSpacing(4)
     entries = {
-        "measured": "measured, bars k = 1 and k = 2",
-        "simulated": "simulated, bands k = 1 and k = 2",
+        "measured": "measured, k = 1 and 2",
+        "simulated": "simulated, k = 1 and 2",
         "here": "arms now",
         "missing": "not measured",
     }

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import json
 import os
+import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +18,11 @@ if TYPE_CHECKING:
     from PySide6.QtWidgets import QApplication
     from pytestqt.qtbot import QtBot
 
-os.environ["QT_QPA_PLATFORM"] = "offscreen"
+_SCREEN = {"name": "test", "x": 0, "y": 0, "width": 1920, "height": 1200, "logicalDpi": 96, "dpr": 1.0}
+_screens = Path(tempfile.mkdtemp(prefix="goniotwin-screen-")) / "screens.json"
+_screens.write_text(json.dumps({"screens": [_SCREEN]}))
+atexit.register(shutil.rmtree, _screens.parent, ignore_errors=True)
+os.environ["QT_QPA_PLATFORM"] = f"offscreen:configfile={_screens}"
 
 
 @pytest.fixture(scope="session")

@@ -234,7 +234,7 @@ def test_a_sample_change_is_answered_in_the_window(stage: Stage, qtbot: QtBot) -
     assert banner.isVisible()
     assert "reference sample" in banner.what.text()
     qtbot.keyClick(stage.window, F9)
-    assert stage.controller.asked == ["start", "answer True"]
+    qtbot.waitUntil(lambda: stage.controller.asked == ["start", "answer True"])
     stage.play(OperatorAnswered())
     assert not banner.isVisible()
 
@@ -279,11 +279,10 @@ def test_a_second_scan_starts_afresh(stage: Stage) -> None:
 
 @pytest.mark.parametrize("choice", ["light", "dark"])
 def test_text_is_legible_in_both_palettes(stage: Stage, choice: Any) -> None:
-    from gui.theme import current_theme
-
     stage.window.use_palette(choice)
     running(stage, 6)
-    theme = current_theme()
+    theme = stage.window.plots.theme
+    assert QApplication.palette().window().color().name() == theme.window
     assert theme.dark == (choice == "dark")
     inks = ("text", "quiet_text", "measured", "simulated", "good", "acceptable", "poor")
     for ink in inks:
