@@ -70,29 +70,14 @@ def lambertian_flux(
         Dimensionless. The quadrature error is below 1e-5 of it, up to a sensor zenith of 88 degrees; it grows to 5e-4
         at 90 degrees, where the sample plane cuts the mirror.
     """
-    angles = np.broadcast_arrays(
-        *(
-            np.asarray(a, dtype=float)
-            for a in (illumination_zenith, illumination_azimuth, sensor_zenith, sensor_azimuth)
-        )
-    )
+    given = (illumination_zenith, illumination_azimuth, sensor_zenith, sensor_azimuth)
+    angles = np.broadcast_arrays(*(np.asarray(angle, dtype=float) for angle in given))
     shape = angles[0].shape
-    illumination, illumination_az, sensor, sensor_az = (np.ravel(a) for a in angles)
-    # Only the azimuth between the arms matters: work in the frame of the illumination.
-    keys, inverse = np.unique(
-        np.round(
-            np.stack(
-                [
-                    np.abs(illumination),
-                    sensor,
-                    np.mod(sensor_az - illumination_az + np.where(illumination < 0, 180.0, 0.0), 360.0),
-                ]
-            ),
-            10,
-        ),
-        axis=1,
-        return_inverse=True,
-    )
+    illumination, illumination_az, sensor, sensor_az = (np.ravel(angle) for angle in angles)
+    # Only the azimuth between the arms matters: work in the frame of the illumination, each geometry once.
+    between = np.mod(sensor_az - illumination_az + np.where(illumination < 0, 180.0, 0.0), 360.0)
+    geometries = np.round(np.stack([np.abs(illumination), sensor, between]), 10)
+    keys, inverse = np.unique(geometries, axis=1, return_inverse=True)
     values = np.empty(keys.shape[1])
     grazing = (np.abs(keys[1]) > _GRAZING_ZENITH) | (_horizon(facility.sensor, keys[1]) < _NEAR_HORIZON)
     for fineness, which in ((_NORMAL, ~grazing), (_GRAZING, grazing)):
@@ -241,8 +226,8 @@ def _kinks(
     constant = -((visible * height / target) ** 2)
     leading = (cos2 - sin2) / 4 - 0.5j * both
     middle = (cos2 + sin2) / 2 + constant
-    scale = np.maximum(np.abs(middle), np.abs(first)) + np.abs(leading) + 1e-300
-    leading = np.where(np.abs(leading) < 1e-12 * scale, 1e-12 * scale, leading)  # a circle: no kink, or nothing but
+    scale = np.sum(a * a + b * b, axis=-1) + 1e-30
+    leading = np.where(np.abs(leading) < 1e-12 * scale, 1e-12 * scale, leading)  # a circle has no kink
     companion = np.zeros((len(a), 4, 4), dtype=complex)
     companion[:, 1:, :3] = np.eye(3)
     for row, coefficient in enumerate((np.conj(leading), first / 2, middle, first / 2)):
