@@ -186,8 +186,12 @@ class ModbusLine(SharedLine):
             )
 
     def _execute(self, device: str, what: str, call: Callable[[], ModbusPDU]) -> ModbusPDU:
+        # Until the reply is there, whatever ends the wait (an interrupt too) leaves it on its way.
+        self._suspect = True
         try:
-            return call()
+            reply = call()
+            self._suspect = False
+            return reply
         except (ConnectionException, OSError) as error:
             self._close_wire()
             raise self._silent(device, what, f"connection lost: {error}") from error

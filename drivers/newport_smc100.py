@@ -19,6 +19,7 @@ from drivers.interfaces import AxisStatus
 from drivers.smc100_codes import (
     BUSY,
     COMMAND_ERRORS,
+    DISABLED,
     HOMED,
     HOMING,
     NOT_REFERENCED,
@@ -66,7 +67,7 @@ class NewportSmc100:
         self._scale = ArmScale(options, options.units_per_degree)
         self._prepared = False
         self._out_of_step = False
-        # TS clears the error map as it is read: what it said is kept until the next command of motion.
+        # TS clears the error map as it is read: what it said is kept until the axis is in order again.
         self._faults: tuple[str, ...] = ()
         line.attach(name)
 
@@ -81,7 +82,7 @@ class NewportSmc100:
         return self._scale.to_laboratory(self._number("TP"))
 
     def status(self) -> AxisStatus:
-        """State of the axis now; faults stay until the next ``home`` or ``start_move``."""
+        """State of the axis now; a fault stays until the axis is ready again, homed or sent somewhere."""
         return self._as_status(self._state())
 
     def home(self) -> None:
@@ -96,7 +97,7 @@ class NewportSmc100:
         """
         with self._line.transaction(self.name):
             state = self._state()
-            if state.code in HOMED | {HOMING}:
+            if state.code in HOMED | HOMING:
                 return
             self._faults, self._prepared = (), False
             try:
@@ -150,6 +151,12 @@ class NewportSmc100:
                 return
         self.stop()
 
+    def clear_fault(self) -> None:
+        """Switch the motor current on again (``MM1``) after a fault of the drive; a lost zero needs ``home``."""
+        with self._line.transaction(self.name):
+            if self._state().code in DISABLED:
+                self._command("MM1")
+
     def reset(self) -> None:
         """Restart the controller (``RS``): it forgets its zero and has to be homed; takes some seconds."""
         self._send("RS")
@@ -167,7 +174,7 @@ class NewportSmc100:
             return
         if state.faults:
             raise DeviceFault(self.name, "; ".join(state.faults), "remove the cause and home the axis")
-        advice = "home the axis first" if state.code in NOT_REFERENCED else "wait until it is ready"
+        advice = "home the axis first" if state.code in NOT_REFERENCED else "clear the fault, or wait until it is ready"
         raise CommandRefused(self.name, f"cannot move while {STATES.get(state.code, state.code)}", advice)
 
     def _prepare(self) -> None:
@@ -207,8 +214,9 @@ class NewportSmc100:
         state = parse_state(reply)
         if state is None:
             raise CommunicationError(self.name, f"TS gave {reply!r}, expected six hexadecimal digits")
-        new = tuple(fault for fault in state.faults if fault not in self._faults)
-        self._faults += new
+        if state.code in READY and not state.faults:
+            self._faults = ()
+        self._faults += tuple(fault for fault in state.faults if fault not in self._faults)
         if state.code in NOT_REFERENCED:
             self._prepared = False
         return State(state.code, self._faults)
@@ -256,7 +264,6 @@ class NewportSmc100:
                         self._back_into_step()
                     return self._ask(query)
             except NoReply:
-                self._out_of_step = True
                 if attempt == QUERY_ATTEMPTS:
                     raise
         raise AssertionError("not reached")
@@ -272,13 +279,14 @@ class NewportSmc100:
             return None
 
         request = f"{self._options.address}{query}\r\n".encode("ascii")
+        self._out_of_step = True
         reply = self._line.exchange(self.name, request, complete)
+        self._out_of_step = False
         return reply.strip()[len(prefix) :].decode("ascii", "replace")
 
     def _back_into_step(self) -> None:
         """Replies come in order: once another query is answered, the late answer of the last one has passed."""
         self._ask("VE")
-        self._out_of_step = False
 
 
 def _text(value: float) -> str:

@@ -87,10 +87,10 @@ class NktSuperK:
         line.attach(name)
 
     def identify(self) -> str:
-        """Type and serial number; sets the configured power."""
+        """Type and serial number; sets the configured power while no light is emitted."""
         identity = self._module.identify((0x60, FIANIUM_S4X3))
         self._type = self._module.module_type()
-        if self._options.power is not None:
+        if self._options.power is not None and not self.emission():
             self.set_power(self._options.power)
         return identity
 

@@ -176,7 +176,7 @@ class OrientalAz:
                 return
         self.stop()
 
-    def reset_alarm(self) -> None:
+    def clear_fault(self) -> None:
         """Reset an alarm whose cause is gone; some need the drive's power to be switched."""
         for value in (0, 1):
             self._line.write_registers(self.name, self._options.address, ALARM_RESET, self._words(value))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import termios
@@ -76,6 +77,10 @@ def open_port(form: SerialLineForm | ModbusSerialLineForm) -> serial.Serial:
             write_timeout=max(form.timeout, 1.0),
             **exclusive,
         )
+    except serial.SerialException as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EAGAIN):
+            raise OSError(f"{form.port} is in use by another program") from error
+        raise
     except termios.error as error:
         raise OSError(f"{form.port} refuses its settings: {error}") from error
 

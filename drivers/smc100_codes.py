@@ -33,15 +33,17 @@ STATES = {
     0x47: "jogging, after disable",
 }
 
-HOMING = 0x1E
+HOMING = frozenset((0x1E, 0x1F))
 NOT_REFERENCED = frozenset(range(0x0A, 0x12))
 READY = frozenset((0x32, 0x33, 0x34, 0x35))
 #: Under way: a home search counts, although some drivers take only 28 for moving.
 BUSY = frozenset((0x1E, 0x1F, 0x28, 0x46, 0x47))
+#: The motor has no current; the zero is kept.
+DISABLED = frozenset((0x3C, 0x3D, 0x3E))
 #: Positions refer to a known zero.
-HOMED = READY | {0x28, 0x3C, 0x3D, 0x3E, 0x46, 0x47}
+HOMED = READY | DISABLED | {0x28, 0x46, 0x47}
 #: Not ready, and not by anyone's command: the zero was lost, the motor is off, or somebody configures.
-OUT_OF_ORDER = frozenset((0x0D, 0x0E, 0x0F, 0x10, 0x14, 0x3C, 0x3D, 0x3E))
+OUT_OF_ORDER = DISABLED | {0x0D, 0x0E, 0x0F, 0x10, 0x14}
 
 #: Bits of the error map, the first four hexadecimal digits of ``TS``.
 ERROR_MAP = {

@@ -86,9 +86,13 @@ class Line(SharedLine):
         """
         with self.transaction(device):
             self._ready(device)
+            # Until the reply is there, whatever ends the wait (an interrupt too) leaves it on its way.
+            self._suspect = True
             try:
                 self._wire.write(request)
-                return self._receive(device, request, complete, timeout or self.timeout)
+                reply = self._receive(device, request, complete, timeout or self.timeout)
+                self._suspect = False
+                return reply
             except OSError as error:
                 raise self._lost(device, error) from error
 
@@ -116,7 +120,6 @@ class Line(SharedLine):
             reply = complete(received)
             if reply is not None:
                 return reply
-        self._suspect = True
         came = f"only {received[:80]!r}" if received else "nothing"
         raise NoReply(
             device,

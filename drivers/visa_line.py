@@ -112,6 +112,9 @@ class VisaLine(SharedLine):
             except (OSError, UnicodeDecodeError) as error:
                 self._close_wire()
                 raise self._failed(device, repr(command), error) from error
+            except BaseException:
+                self.reset()  # an interrupt leaves the reply on its way
+                raise
 
     def _failed(self, device: str, what: str, error: Exception) -> CommunicationError:
         return CommunicationError(

@@ -2,47 +2,32 @@
 
 from __future__ import annotations
 
-import json
-import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
-from drivers.check import check_devices
-from drivers.commands import check
-from drivers.configuration import connect, read_devices
+from drivers.configuration import connect
 from drivers.errors import CommandRefused, CommunicationError, DeviceError, DeviceFault
-from drivers.interfaces import ROLES, Axis, Laboratory
-from sim_fixtures.laboratory import SimulatedLaboratory, start_simulated
+from drivers.interfaces import Axis, Laboratory
+from sim_fixtures.laboratory import SimulatedLaboratory
 
-SPEED = 40.0
-TIMEOUT = 0.4
-
-
-@pytest.fixture(scope="module")
-def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedLaboratory]:
-    """One simulated room for all tests."""
-    with start_simulated(tmp_path_factory.mktemp("room"), speed=SPEED, flux="lambertian") as room:
-        yield room
+#: Wall-clock s that amplifier and shutter take to settle in the accelerated room.
+SETTLING = 0.03
 
 
 @pytest.fixture(scope="module")
-def devices(simulation: SimulatedLaboratory) -> Path:
-    """Its connections, with shorter time-outs: many replies are lost here on purpose."""
-    file = simulation.inputs.devices.with_name("impatient.toml")
-    text = simulation.inputs.devices.read_text()
-    file.write_text(re.sub(r"^timeout = .*$", f"timeout = {TIMEOUT}", text, flags=re.MULTILINE))
-    return file
+def connected(devices: Path) -> Iterator[Laboratory]:
+    """The connected devices."""
+    laboratory = connect(devices)
+    yield laboratory
+    laboratory.close()
 
 
 @pytest.fixture
-def laboratory(devices: Path) -> Iterator[Laboratory]:
-    """The connected devices, homed."""
-    connected = connect(devices)
+def laboratory(connected: Laboratory) -> Iterator[Laboratory]:
+    """The connected devices, homed; left in their safe state."""
     for axis in connected.axes().values():
         if not axis.status().homed:
             axis.home()
@@ -50,7 +35,6 @@ def laboratory(devices: Path) -> Iterator[Laboratory]:
     yield connected
     for device in connected.devices().values():
         device.make_safe()
-    connected.close()
 
 
 def wait_for(condition: Callable[[], bool], seconds: float = 10.0) -> None:
@@ -110,7 +94,7 @@ def test_queries_survive_lost_and_garbled_replies(
 def test_a_late_reply_is_never_taken_for_the_next_one(simulation: SimulatedLaboratory, laboratory: Laboratory) -> None:
     axis = laboratory.illumination_zenith
     go(axis, 30.0)
-    simulation.control("late_reply", device="illumination_zenith", count=1, delay=TIMEOUT + 0.03)
+    simulation.control("late_reply", device="illumination_zenith", count=1, delay=0.43)
     assert axis.position() == pytest.approx(30.0, abs=axis.tolerance)
     go(axis, -20.0)
     assert axis.position() == pytest.approx(-20.0, abs=axis.tolerance)
@@ -153,11 +137,11 @@ def test_the_light_path_from_emission_to_reading(simulation: SimulatedLaboratory
     assert laboratory.selector.wavelength() == pytest.approx(500.0)
     laboratory.amplifier.set_gain(laboratory.amplifier.gains[0])
     shutter.shut()
-    time.sleep(laboratory.amplifier.settling_time / SPEED)
+    time.sleep(SETTLING)
     dark = detector.read(9)
     shutter.open()
     assert shutter.is_open()
-    time.sleep(laboratory.amplifier.settling_time / SPEED)
+    time.sleep(SETTLING)
     bright = detector.read(9)
     assert len(dark.samples) == len(bright.samples) == 9
     assert min(bright.samples) > 10 * max(map(abs, dark.samples))
@@ -241,51 +225,34 @@ def test_an_alarm_of_the_drive_is_told(simulation: SimulatedLaboratory, laborato
         with pytest.raises(DeviceFault, match="alarm"):
             axis.start_move(1.0)
     finally:
-        axis.reset_alarm()  # type: ignore[attr-defined]
+        axis.clear_fault()  # type: ignore[attr-defined]
     assert axis.status().fault == ""
 
 
-# ---- goniotwin devices check ----------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def app() -> typer.Typer:
-    """The command alone."""
-    made = typer.Typer()
-    made.command()(check)
-    return made
-
-
-def test_check_says_who_answered_and_how_they_are(devices: Path) -> None:
-    results = {result.role: result for result in check_devices(read_devices(devices))}
-    assert set(results) == set(ROLES)
-    assert all(result.ok for result in results.values()), results
-    assert "Oriental Motor AZ" in results["illumination_zenith"].identity
-    assert "closed" in results["shutter"].state
-
-
-def test_the_command_writes_json_and_succeeds(devices: Path, app: typer.Typer, tmp_path: Path) -> None:
-    out = tmp_path / "check.json"
-    outcome = CliRunner().invoke(app, ["--devices", str(devices), "--json", str(out)])
-    assert outcome.exit_code == 0, outcome.output
-    content = json.loads(out.read_text())
-    assert content["ok"]
-    assert {device["role"] for device in content["devices"]} == set(ROLES)
-
-
-def test_one_mute_device_fails_the_check_and_the_others_are_still_tried(
-    devices: Path, app: typer.Typer, tmp_path: Path
+def test_a_fault_of_a_drive_is_told_until_it_is_cleared(
+    simulation: SimulatedLaboratory, laboratory: Laboratory
 ) -> None:
-    file, out = tmp_path / "devices.toml", tmp_path / "check.json"
-    file.write_text(devices.read_text().replace("address = 2\n", "address = 9\n"))
-    outcome = CliRunner().invoke(app, ["--devices", str(file), "--json", str(out)])
-    assert outcome.exit_code == 3, outcome.output
-    failed = [device for device in json.loads(out.read_text())["devices"] if not device["ok"]]
-    assert len(failed) == 1
-    assert "no reply" in failed[0]["problem"]
+    axis = laboratory.sensor_zenith
+    simulation.control("alarm", axis="sensor_zenith")
+    for _ in range(2):
+        assert "following error" in axis.status().fault
+    with pytest.raises(DeviceError, match="disabled"):
+        axis.start_move(1.0)
+    axis.clear_fault()  # type: ignore[attr-defined]
+    assert axis.status().fault == ""
+    go(axis, 1.0)
 
 
-def test_a_wrong_file_is_one_message_and_status_two(app: typer.Typer, tmp_path: Path) -> None:
-    outcome = CliRunner().invoke(app, ["--devices", str(tmp_path / "nothing.toml")])
-    assert outcome.exit_code == 2
-    assert "nothing.toml: No such file or directory" in outcome.output
+def test_an_end_of_run_loses_the_zero_and_homing_finds_it(
+    simulation: SimulatedLaboratory, laboratory: Laboratory
+) -> None:
+    axis = laboratory.sensor_zenith
+    simulation.control("limit_switch", axis="sensor_zenith", direction=1)
+    for _ in range(2):
+        status = axis.status()
+        assert "positive end of run" in status.fault
+        assert not status.homed
+    axis.home()
+    wait_for(lambda: axis.status().homed)
+    assert axis.status().fault == ""
+    go(axis, 2.0)
