@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import time
@@ -175,7 +176,8 @@ def test_a_late_reply_stays_for_the_next_question(meter, room):
 
 def test_a_broken_connection_can_be_made_anew(meter, room):
     room.control("disconnect", device="meter")
-    assert meter.ask("*IDN?") == ""
+    with contextlib.suppress(ConnectionError):  # end of file or reset, as the system sees it
+        assert meter.ask("*IDN?") == ""
     again = Meter(room.endpoints.meter)
     assert again.ask("*IDN?").startswith("Keysight")
     again.close()
