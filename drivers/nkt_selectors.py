@@ -187,11 +187,12 @@ class NktVaria:
     def _wait_until_still(self) -> None:
         deadline = self._clock.monotonic() + self._options.move_timeout
         while True:
+            late = self._clock.monotonic() > deadline
             status = self._module.read_unsigned(STATUS)
             if status & VARIA_ERROR:
                 raise DeviceFault(self.name, f"error reported (status {status:04X}h)")
             if not status & VARIA_MOVING:
                 return
-            if self._clock.monotonic() > deadline:
+            if late:
                 raise DeviceFault(self.name, f"filters still move after {self._options.move_timeout:g} s")
             self._clock.sleep(0.1)
