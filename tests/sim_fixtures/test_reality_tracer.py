@@ -108,11 +108,11 @@ def test_light_beside_the_plate_is_lost() -> None:
 @pytest.mark.parametrize("albedo", [1.0, 0.6])
 def test_what_leaves_is_what_sensors_all_around_see(scene: Scene, albedo: float) -> None:
     beam = beam_bundle(TOPHAT, 20.0)
-    lit = trace(scene, lambertian(albedo), beam, 8192, 3)
+    lit = trace(scene, lambertian(albedo), beam, 4096, 3)
     if albedo == 1.0:
         assert lit.escaped == pytest.approx(beam.total, rel=1e-3)  # what is still inside after 100 reflections
-    cosines, weights = np.polynomial.legendre.leggauss(24)
-    turns = 36
+    cosines, weights = np.polynomial.legendre.leggauss(18)
+    turns = 30
     total = 0.0
     for cosine, weight in zip(0.5 * (1 + cosines), 0.5 * weights, strict=True):
         for turn in range(turns):
@@ -120,7 +120,7 @@ def test_what_leaves_is_what_sensors_all_around_see(scene: Scene, albedo: float)
             sensor = sensor_bundle(wide, float(np.rad2deg(np.arccos(cosine))), 360.0 * (turn + 0.3) / turns)
             intensity = collect(scene, lambertian(albedo), lit, sensor, 0) / sensor.density
             total += intensity * weight * 2 * np.pi / turns
-    assert total == pytest.approx(lit.escaped, rel=0.01)
+    assert total == pytest.approx(lit.escaped, rel=0.015)
 
 
 @pytest.mark.parametrize("divergence", [0.0, 0.2])
@@ -133,7 +133,9 @@ def test_a_flat_sample_reads_from_either_end_as_by_quadrature(
     expected = lambertian_radiance(beam, sensor)
     for emitter, receiver in ((beam, sensor), (sensor, beam)):
         estimates = seen(make_scene(), lambertian(1.0), emitter, receiver)
-        assert estimates.mean() == pytest.approx(expected, rel=5e-4)
+        error = estimates.std(ddof=1) / np.sqrt(len(estimates))
+        assert error < 5e-4 * expected
+        assert abs(estimates.mean() - expected) < 4 * error + 2e-4 * expected
 
 
 def test_a_wide_parallel_beam_on_a_flat_sample_follows_the_cosine_law() -> None:
