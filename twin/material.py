@@ -50,8 +50,8 @@ class Material:
     name: str = ""
 
     def __post_init__(self) -> None:
-        shape = (1 if self.wavelengths is None else len(self.wavelengths),)
-        shape += (len(self.cos_o), len(self.phi_rad), len(self.cos_i))
+        tables = 1 if self.wavelengths is None else len(self.wavelengths)
+        shape = (tables, len(self.cos_o), len(self.phi_rad), len(self.cos_i))
         if self.brdf.shape != shape:
             raise InputError(f"{self.name}: brdf: found shape {self.brdf.shape}; expected {shape}")
         for axis, values in (("cos_theta_o", self.cos_o), ("phi_d", self.phi_rad), ("cos_theta_i", self.cos_i)):

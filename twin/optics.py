@@ -55,8 +55,10 @@ class Setup:
 
     def without_sample(self) -> Setup:
         """The same instrument, its sample in the nominal place: what the reference reading sees."""
-        names = ("tilt_x_deg", "tilt_y_deg", "sample_azimuth_deg", "height_mm", "offset_x_mm", "offset_y_mm")
-        return replace(self, **dict.fromkeys(names, 0.0))
+        in_place = {"tilt_x_deg": 0.0, "tilt_y_deg": 0.0, "sample_azimuth_deg": 0.0}
+        in_place |= {"height_mm": 0.0, "offset_x_mm": 0.0, "offset_y_mm": 0.0}
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)} | in_place
+        return Setup(**values)
 
     @property
     def changes_the_instrument(self) -> bool:
@@ -231,15 +233,17 @@ def lit_footprint(layout: Layout, depth: FloatArray, margin_mm: float = 0.2) -> 
         start = layout.beam - slope * layout.beam[:, 2:]
         step_u = layout.light_u - slope * layout.light_u[:, 2:]
         step_v = layout.light_v - slope * layout.light_v[:, 2:]
-    centre = _on_target(layout, start - layout.target)
-    frame = np.stack([_on_target(layout, step_u), _on_target(layout, step_v)], axis=-1) * radius[:, None, None]
+    centre = _on_target(layout, np.asarray(start - layout.target))
+    frame: FloatArray = (
+        np.stack([_on_target(layout, step_u), _on_target(layout, step_v)], axis=-1) * radius[:, None, None]
+    )
     determinant = np.abs(np.linalg.det(frame))
     bounded = bounded & (determinant > 1e-6)
     frame = np.where(bounded[:, None, None], frame, np.eye(2))
     inverse = np.linalg.inv(frame)
     deep = np.einsum("nij,nj->ni", inverse, _on_target(layout, -slope * depth[:, None]))
     length = np.linalg.norm(deep, axis=1)
-    sweep = np.where((length > 1e-9)[:, None], deep / np.maximum(length, 1e-9)[:, None], [1.0, 0.0])
+    sweep: FloatArray = np.where((length > 1e-9)[:, None], deep / np.maximum(length, 1e-9)[:, None], [1.0, 0.0])
     return Footprint(centre, frame, inverse, sweep, np.where(bounded, length, 0.0), bounded)
 
 
@@ -260,7 +264,8 @@ def reference_change(facility: Facility, setup: Setup, nodes: int = 4096) -> flo
         return 1.0
     for field in fields(Setup):
         if np.ndim(getattr(bare, field.name)):
-            bare = replace(bare, **{field.name: np.mean(getattr(bare, field.name))})
+            mean: Any = {field.name: float(np.mean(getattr(bare, field.name)))}
+            bare = replace(bare, **mean)
     reference = facility.reference
     count = len(reference.sensor_azimuth)
     columns = {

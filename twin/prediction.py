@@ -25,6 +25,8 @@ from twin.tracer import RANDOMISATIONS, Mixture, Tracer
 
 #: Sight lines of the first pass, a geometry and randomisation; and of all passes at most.
 _FIRST_PASS, _LIMIT = 64, 2**20
+#: Relative error of geometry and tables in single precision: what is left where nothing scatters.
+_SINGLE_PRECISION = 1e-6
 #: Below this cosine of the sensor zenith the reflectance factor of a flat target is not defined.
 _GRAZING = 1e-3
 _UNITS = {"wavelength": "nm"} | dict.fromkeys(COORDINATES[1:], "degree")
@@ -151,8 +153,9 @@ class Twin:
             for first, block, chosen in _passes(sums, done, standard_error):
                 trace(chosen, first, block)
         means = sums / np.maximum(done, 1)[:, None] * scale[:, None]
-        error = means.std(axis=1, ddof=1) / np.sqrt(RANDOMISATIONS)
-        return Estimate(means.mean(axis=1), error, done * RANDOMISATIONS)
+        brf = means.mean(axis=1)
+        error = np.hypot(means.std(axis=1, ddof=1) / np.sqrt(RANDOMISATIONS), _SINGLE_PRECISION * brf)
+        return Estimate(brf, error, done * RANDOMISATIONS)
 
     def _scale(self, columns: dict[str, FloatArray], setup: Setup | None) -> FloatArray:
         """What turns radiances into reflectance factors, shape (point,)."""
@@ -215,7 +218,7 @@ def _dataset(
     geometries: Sequence[Geometry] | xr.Dataset, columns: dict[str, FloatArray], estimate: Estimate, seed: int
 ) -> xr.Dataset:
     if isinstance(geometries, xr.Dataset):
-        coords: dict[str, Any] = {name: c for name, c in geometries.coords.items() if c.dims == ("point",)}
+        coords: dict[str, Any] = {str(name): c for name, c in geometries.coords.items() if c.dims == ("point",)}
     else:
         coords = {}
     for name in COORDINATES:

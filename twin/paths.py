@@ -1,0 +1,182 @@
+"""The loops of the tracing kernel: light reflected once, and light reflected more often.
+
+Most of the noise of a reading comes from light reflected once (edges of holes and shadows cut the sight
+lines), at a quarter of the cost of a whole path. So the two are separate estimates, and the second uses only one in
+:data:`SCATTERED_SHARE` of the sight lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.artifact import SurfaceMesh
+from twin.kernel_math import larger, smaller
+from twin.reflection import TableLookup
+from twin.sequence import Points
+from twin.sight import Lane
+
+#: Of so many sight lines one is followed beyond the first reflection.
+SCATTERED_SHARE = 4
+_OFFSET_MM = 1e-4
+_BOUNCE_DIMENSION, _PER_BOUNCE = 4, 3
+#: Paths are thinned from this number of reflections on.
+_ROULETTE_DEPTH = 3
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Where rays meet the sample; kernel variables."""
+
+    found: Any
+    place: Any
+    normal: Any
+    towards: Any
+    table: Any
+    exposed: Any
+
+
+@dataclass(frozen=True)
+class Share:
+    """Which points of a block of the sequence a lane works through: numbers ``start + k * stride``, k below ``count``.
+
+    Numbers run over the block in the order of :func:`~twin.sequence.coherent_order`; ``first`` is its first index.
+    """
+
+    start: Any
+    stride: Any
+    count: Any
+    first: Any
+    order: Any
+
+    def index(self, mi: Any, dr: Any, turn: Any, active: Any) -> Any:
+        """Index in the sequence of a lane's sight line number ``turn``."""
+        number = self.start + turn * self.stride
+        index = dr.gather(mi.UInt32, self.order, number & 255, active)
+        index ^= dr.gather(mi.UInt32, self.order, 256 + ((number >> 8) & 255), active)
+        index ^= dr.gather(mi.UInt32, self.order, 512 + ((number >> 16) & 255), active)
+        return self.first + index
+
+
+class Paths:
+    """Follows sight lines through a sample."""
+
+    def __init__(self, mi: Any, dr: Any, mesh: SurfaceMesh, lookup: TableLookup, points: Points) -> None:
+        self._mi, self._dr, self._lookup, self._points = mi, dr, lookup, points
+        self._scene = _scene(mi, mesh)
+        self._faces = _face_records(mi, mesh)
+
+    def reflected_once(self, sensor: Lane, seeds: Any, share: Share) -> Any:
+        """Sum over a lane's sight lines of the light that comes straight from the beam."""
+        mi, dr = self._mi, self._dr
+
+        def step(begun: Any, total: Any) -> tuple[Any, Any]:
+            index = share.index(mi, dr, begun, begun < share.count)
+            origin, heading, weight = sensor.sight_line(index, seeds, begun < share.count)
+            met = self._meet(sensor, origin, heading, weight > 0)
+            return begun + 1, total + mi.Float64(weight * self._lit(sensor, met, index, 0, seeds))
+
+        lanes = dr.width(share.start)
+        state = (dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float64, lanes))
+        return dr.while_loop(state, lambda begun, _: begun < share.count, step, label="reflected once")[-1]
+
+    def scattered(self, sensor: Lane, seeds: Any, share: Share) -> Any:
+        """Sum over a lane's sight lines of the light that is reflected at least twice.
+
+        One turn of the loop is one reflection; a lane whose path has ended begins the next one at once.
+        """
+        mi, dr = self._mi, self._dr
+        lanes = dr.width(share.start)
+        state = (
+            dr.zeros(mi.UInt32, lanes),  # paths begun
+            dr.zeros(mi.Bool, lanes),  # a path is under way
+            dr.zeros(mi.UInt32, lanes),  # its number in the sequence
+            dr.zeros(mi.UInt32, lanes),  # its reflections so far
+            dr.zeros(mi.Point3f, lanes),
+            dr.zeros(mi.Vector3f, lanes),
+            dr.zeros(mi.Float, lanes),  # weight of the sight line
+            dr.zeros(mi.Float, lanes),  # throughput since
+            dr.zeros(mi.Float64, lanes),
+        )
+
+        def going(begun: Any, alive: Any, *_: Any) -> Any:
+            return alive | (begun < share.count)
+
+        def step(
+            begun: Any,
+            alive: Any,
+            index: Any,
+            depth: Any,
+            origin: Any,
+            heading: Any,
+            weight: Any,
+            flow: Any,
+            total: Any,
+        ) -> tuple[Any, ...]:
+            fresh = ~alive & (begun < share.count)
+            index = dr.select(fresh, share.index(mi, dr, begun, fresh), index)
+            begun, depth = dr.select(fresh, begun + 1, begun), dr.select(fresh, 0, depth)
+            new_origin, new_heading, new_weight = sensor.sight_line(index, seeds, fresh)
+            origin, heading = dr.select(fresh, new_origin, origin), dr.select(fresh, new_heading, heading)
+            weight, flow = dr.select(fresh, new_weight, weight), dr.select(fresh, 1.0, flow)
+
+            met = self._meet(sensor, origin, heading, (alive | fresh) & (weight > 0))
+            again = met.found & (depth > 0)
+            lit = self._lit(sensor, met, index, depth, seeds, again)
+            total += mi.Float64(weight * flow * lit)
+
+            alive = met.found & ~met.exposed  # from above the top of the sample comes the beam alone
+            dimension = _BOUNCE_DIMENSION + depth * _PER_BOUNCE
+            u, v, w = (self._points.coordinate(index, dimension + k, seeds, alive) for k in range(3))
+            incoming, factor, _ = self._lookup.sample(met.table, met.normal, met.towards, u, v, alive)
+            flow *= factor
+            depth += 1
+            survival = dr.select(depth > _ROULETTE_DEPTH, smaller(dr, flow, 0.95), 1.0)
+            alive &= w < survival
+            flow /= larger(dr, survival, 1e-20)
+            return begun, alive, index, depth, met.place, incoming, weight, flow, total
+
+        return dr.while_loop(state, going, step, label="scattered")[-1]
+
+    def _meet(self, sensor: Lane, origin: Any, heading: Any, active: Any) -> Meeting:
+        """Follow rays to the sample; a face seen from inside the solid does not count."""
+        mi, dr = self._mi, self._dr
+        hit = self._scene.ray_intersect_preliminary(mi.Ray3f(origin, heading), active=active)
+        found = active & hit.is_valid()
+        face = dr.gather(mi.Vector4f, self._faces, hit.prim_index, found)
+        normal = mi.Normal3f(face.x, face.y, face.z)
+        found &= dr.dot(normal, heading) < 0
+        place = mi.Point3f(origin + heading * hit.t + normal * _OFFSET_MM)
+        table = self._lookup.at(sensor.table, mi.UInt32(dr.abs(face.w)) - 1, found)
+        return Meeting(found, place, normal, -heading, table, face.w < 0)
+
+    def _lit(self, sensor: Lane, met: Meeting, index: Any, depth: Any, seeds: Any, active: Any = True) -> Any:
+        """Radiance that the beam leaves at the meeting, towards where the ray came from."""
+        mi, dr = self._mi, self._dr
+        light, irradiance = sensor.illuminate(met.place, index, depth, seeds)
+        irradiance *= dr.dot(met.normal, light)
+        seen = met.found & (irradiance > 0) & active
+        seen &= met.exposed | ~self._scene.ray_test(mi.Ray3f(met.place, light), active=seen & ~met.exposed)
+        brdf = self._lookup.between(met.table, met.normal, met.towards, light, seen)
+        return dr.select(seen, brdf * irradiance, 0.0)
+
+
+def _scene(mi: Any, mesh: SurfaceMesh) -> Any:
+    """The mesh as a scene, straight from the arrays."""
+    shape = mi.Mesh("sample", vertex_count=len(mesh.vertices), face_count=len(mesh.faces))
+    parameters = mi.traverse(shape)
+    parameters["vertex_positions"] = mi.Float(mesh.vertices.ravel())
+    parameters["faces"] = mi.UInt32(mesh.faces.ravel().astype(np.uint32))
+    parameters.update()
+    return mi.load_dict({"type": "scene", "sample": shape})
+
+
+def _face_records(mi: Any, mesh: SurfaceMesh) -> Any:
+    """Normal and label of every face, flat (face, 4); the label counts from 1 and is negative on top of the sample."""
+    normals = mesh.normals()
+    height = mesh.corners()[:, :, 2].min(axis=1)
+    top = (normals[:, 2] > 1 - 1e-9) & (height > mesh.vertices[:, 2].max() - 1e-9)
+    label = np.where(top, -1.0, 1.0) * (mesh.labels.astype(float) + 1)
+    return mi.Float(np.column_stack([normals, label]).ravel())
