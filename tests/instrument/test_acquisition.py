@@ -1,0 +1,139 @@
+"""Readings: the right gain, light and dark, and nothing saturated averaged silently."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from fake_bench import FULL_CURRENT, Bench
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import CommunicationError, DeviceFault
+from instrument.acquisition import OVERLOAD, REPEATED, SATURATED, Acquisition, Burst, Overloaded
+from instrument.control import Controls
+from instrument.settings import AcquisitionSettings
+
+
+class Meter:
+    def __init__(self, current: float = 0.4e-6, **changes: float) -> None:
+        self.bench = Bench()
+        self.bench.mounted, self.bench.source.on = "sample", True
+        self.bench.reflectance["sample"] = current / FULL_CURRENT
+        self.notes: list[str] = []
+        bench = self.bench
+        self.acquisition = Acquisition(
+            bench.detector,
+            bench.amplifier,
+            bench.shutter,
+            bench.clock,
+            Controls(bench.clock),
+            self.notes.append,
+            AcquisitionSettings(**changes),
+        )
+
+
+def test_a_reading_has_nine_samples_with_light_and_a_mean_without() -> None:
+    meter = Meter()
+    burst = meter.acquisition.measure(9)
+    assert len(burst.samples) == 9
+    assert burst.dark == pytest.approx(meter.bench.detector.offset, abs=1e-4)
+    assert burst.current == pytest.approx(0.4e-6, rel=1e-3)
+    assert burst.quality_flag == 0
+    assert not meter.bench.shutter.opened
+
+
+@settings(max_examples=40, deadline=None)
+@given(exponent=st.floats(-8.5, -3.3))
+def test_the_gain_suits_any_light_that_the_amplifier_can_take(exponent: float) -> None:
+    current = 10.0**exponent
+    meter = Meter(current)
+    burst = meter.acquisition.measure(9)
+    assert burst.quality_flag == 0
+    assert burst.current == pytest.approx(current, rel=0.01)
+    assert max(burst.samples) < 0.9 * meter.bench.detector.full_scale + 1e-2
+    at_highest = burst.gain == max(meter.bench.amplifier.gains)
+    assert at_highest or max(burst.samples) > 0.05 * meter.bench.detector.full_scale - 1e-2
+
+
+def test_a_gain_that_suits_is_kept() -> None:
+    meter = Meter()
+    meter.acquisition.measure(9)
+    before, meter.notes[:] = meter.bench.detector.bursts, []
+    meter.acquisition.measure(9)
+    assert meter.bench.detector.bursts - before == 2
+    assert meter.notes == []
+
+
+def test_a_reading_over_the_top_is_taken_anew_at_a_lower_gain() -> None:
+    meter = Meter(0.4e-6)
+    assert meter.acquisition.measure(9).gain == 1e7
+    meter.bench.reflectance["sample"] *= 50
+    burst = meter.acquisition.measure(9)
+    assert (burst.gain, burst.quality_flag) == (1e5, 0)
+    assert any("overload" in note for note in meter.notes)
+
+
+def test_more_light_than_the_lowest_gain_takes_is_no_reading() -> None:
+    meter = Meter(1e-1)
+    with pytest.raises(Overloaded, match="lowest gain"):
+        meter.acquisition.measure(9)
+    assert not meter.bench.shutter.opened
+
+
+def test_saturation_at_the_lowest_gain_is_flagged() -> None:
+    meter = Meter(1.1e-3)
+    burst = meter.acquisition.measure(9)
+    assert burst.gain == min(meter.bench.amplifier.gains)
+    assert burst.quality_flag & SATURATED
+
+
+def test_the_overload_line_of_the_amplifier_counts() -> None:
+    meter = Meter()
+
+    def line() -> bool:
+        return meter.bench.shutter.opened
+
+    meter.bench.amplifier.overload = line  # type: ignore[method-assign]
+    burst = meter.acquisition.measure(9)
+    assert burst.quality_flag == OVERLOAD
+    assert burst.gain == min(meter.bench.amplifier.gains)
+
+
+def test_an_overload_in_the_dark_is_a_fault() -> None:
+    meter = Meter()
+    meter.bench.amplifier.overload = lambda: not meter.bench.shutter.opened  # type: ignore[method-assign]
+    with pytest.raises(DeviceFault, match="shutter closed"):
+        meter.acquisition.measure(9)
+
+
+def test_a_lost_reading_is_asked_for_again_and_flagged() -> None:
+    meter = Meter()
+    meter.acquisition.measure(9)
+    meter.bench.detector.lost_replies = 1
+    assert meter.acquisition.measure(9).quality_flag == REPEATED
+    assert meter.acquisition.measure(9).quality_flag == 0
+
+
+def test_a_meter_that_stays_mute_is_an_error_with_the_shutter_closed() -> None:
+    meter = Meter()
+    meter.acquisition.measure(9)
+    meter.bench.detector.lost_replies = 3
+    with pytest.raises(CommunicationError):
+        meter.acquisition.measure(9)
+    assert not meter.bench.shutter.opened
+
+
+def test_a_shutter_that_does_not_close_is_a_fault() -> None:
+    meter = Meter()
+    meter.bench.shutter.stuck = True
+    with pytest.raises(DeviceFault, match="shutter"):
+        meter.acquisition.measure(9)
+
+
+def test_the_standard_error_is_that_of_the_mean() -> None:
+    burst = Burst((1.0, 1.2, 0.8, 1.1, 0.9), dark=0.5, gain=1e6, quality_flag=0)
+    scatter = math.sqrt(sum((v - 1.0) ** 2 for v in burst.samples) / 4 / 5)
+    assert burst.current == pytest.approx(0.5e-6)
+    assert burst.relative_standard_error == pytest.approx(scatter / 0.5)
+    assert math.isnan(Burst((1.0,), 0.0, 1e6, 0).relative_standard_error)

@@ -1,0 +1,78 @@
+"""Two programs never drive one instrument."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from instrument.lock import InstrumentBusy, InstrumentLock, lock_directory
+
+HOLD = """
+import sys
+from pathlib import Path
+from instrument.lock import InstrumentLock
+with InstrumentLock(["/dev/ttyUSB0"], Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_the_second_lock_is_refused_and_names_the_holder(tmp_path: Path) -> None:
+    with InstrumentLock(["a", "b"], tmp_path):
+        with pytest.raises(InstrumentBusy, match=f"b: in use by process {os.getpid()} on "):
+            InstrumentLock(["b", "c"], tmp_path).acquire()
+        with InstrumentLock(["c"], tmp_path):
+            pass
+    with InstrumentLock(["b", "c"], tmp_path):
+        pass
+
+
+def test_another_process_is_kept_out_and_its_death_frees_the_instrument(tmp_path: Path) -> None:
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    with holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        lock = InstrumentLock(["/dev/ttyUSB0"], tmp_path)
+        with pytest.raises(InstrumentBusy, match=f"process {holder.pid} "):
+            lock.acquire()
+        holder.kill()
+        holder.wait()
+        with lock:
+            pass
+
+
+def test_a_link_to_a_wire_is_that_wire(tmp_path: Path) -> None:
+    wire, link = tmp_path / "tty", tmp_path / "arms"
+    wire.touch()
+    link.symlink_to(wire)
+    with InstrumentLock([str(wire)], tmp_path), pytest.raises(InstrumentBusy):
+        InstrumentLock([str(link)], tmp_path).acquire()
+
+
+def test_a_lock_that_was_refused_holds_nothing(tmp_path: Path) -> None:
+    with InstrumentLock(["z"], tmp_path):
+        with pytest.raises(InstrumentBusy):
+            InstrumentLock(["a", "z"], tmp_path).acquire()
+        with InstrumentLock(["a"], tmp_path):
+            pass
+
+
+def test_what_a_dead_program_left_behind_blocks_nobody(tmp_path: Path) -> None:
+    lock = InstrumentLock(["a"], tmp_path)
+    lock.path("a").write_text("not json")
+    with lock:
+        assert f'"pid": {os.getpid()}' in lock.path("a").read_text()
+    assert lock.path("a").read_text() == ""
+
+
+def test_the_directory_can_be_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GONIOTWIN_LOCK_DIR", str(tmp_path / "locks"))
+    assert lock_directory() == tmp_path / "locks"
+    with InstrumentLock(["a"]):
+        assert list((tmp_path / "locks").iterdir())
