@@ -18,17 +18,6 @@ from instrument.errors import InputError, SafetyError
 BUDGET = 0.5
 #: What costs more than the rest together; typer itself brings pydantic.
 HEAVY = ("numpy", "xarray", "rich.console", "scipy", "mitsuba", "PySide6", "pyvista", "pymodbus", "matplotlib")
-    "numpy",
-    "pydantic",
-    "xarray",
-    "rich.console",
-    "scipy",
-    "mitsuba",
-    "PySide6",
-    "pyvista",
-    "pymodbus",
-    "matplotlib",
-)
 
 
 def timed(*words: str) -> tuple[int, str, float]:
