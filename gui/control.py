@@ -99,6 +99,8 @@ class SessionController:
         Receives the engine's events and this controller's notices.
     make_session
         Builds a session; :class:`instrument.session.ScanSession` where it is not given.
+    make_operator
+        Makes who answers the engine's requests where no simulated laboratory does.
     """
 
     def __init__(
@@ -106,16 +108,18 @@ class SessionController:
         request: ScanRequest,
         listener: Listener,
         make_session: Callable[[ScanRequest, WindowOperator | None], ScanSession] | None = None,
+        make_operator: Callable[[Listener], WindowOperator] | None = None,
     ) -> None:
         self.request = request
         self._listener = listener
         self._make_session = make_session or _session
+        self._make_operator = make_operator or WindowOperator
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._session: ScanSession | None = None
         self._started = False
         self._given_up = False
-        self._operator = WindowOperator(listener)
+        self._operator = self._make_operator(listener)
 
     def start(self) -> None:
         """Set the session up and run the plan; does nothing while a session is there."""
@@ -123,7 +127,7 @@ class SessionController:
             if self._thread is not None:
                 return
             self._started = self._given_up = False
-            self._operator = WindowOperator(self._listener)
+            self._operator = self._make_operator(self._listener)
             self._thread = threading.Thread(target=self._run, name="scan session", daemon=True)
             self._listener.on_event(ControllerStarting())
             self._thread.start()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QSettings, Qt
-from PySide6.QtGui import QAction, QActionGroup, QCloseEvent, QKeySequence
+from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
+from PySide6.QtGui import QAction, QActionGroup, QCloseEvent, QKeySequence, QShowEvent
 from PySide6.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
@@ -64,7 +64,7 @@ class MainWindow(QMainWindow):
         self._make_controller, self._settings = make_controller, settings
         self._controller: Controller | None = None
         self._plan, self._laboratory, self._plan_needed = plan, laboratory, plan_needed
-        self._closing = False
+        self._closing = self._laid_out = False
         self._question: QMessageBox | None = None
         self.model = ScanModel(score)
         self.bridge = Bridge(self.model, self)
@@ -76,7 +76,7 @@ class MainWindow(QMainWindow):
         self._make_menu()
         self._connect()
         self.statusBar().addPermanentWidget(QLabel(_HELP))
-        self._restore()
+        self._restore_geometry()
         self._show_title()
 
     def panel(self, name: str) -> Panel:
@@ -286,15 +286,23 @@ class MainWindow(QMainWindow):
         if not self.model.connected:
             self.close()
 
-    def _restore(self) -> None:
-        for key, restore in (
-            ("geometry", self.restoreGeometry),
-            ("across", self.across.restoreState),
-            ("down", self.down.restoreState),
-        ):
+    def showEvent(self, event: QShowEvent) -> None:
+        """Give the panels the sizes they had last; they have to be laid out for that."""
+        super().showEvent(event)
+        if not self._laid_out:
+            self._laid_out = True
+            QTimer.singleShot(0, self, self._restore_splitters)
+
+    def _restore_splitters(self) -> None:
+        for key, splitter in (("across", self.across), ("down", self.down)):
             value = self._settings.value(key)
             if isinstance(value, QByteArray):
-                restore(value)
+                splitter.restoreState(value)
+
+    def _restore_geometry(self) -> None:
+        value = self._settings.value("geometry")
+        if isinstance(value, QByteArray):
+            self.restoreGeometry(value)
 
     def _remember(self) -> None:
         self._settings.setValue("geometry", self.saveGeometry())

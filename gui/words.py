@@ -20,6 +20,15 @@ def angle(value: float) -> str:
     return f"{value:g}°".replace("-", MINUS)
 
 
+def current(amperes: float) -> str:
+    """A photocurrent with four significant digits: 1.654 µA, 31.00 nA."""
+    for factor, unit in ((1e3, "mA"), (1e6, "µA"), (1e9, "nA"), (1e12, "pA")):
+        value = amperes * factor
+        if abs(value) >= 1 or unit == "pA":
+            return f"{value:#.4g} {unit}".replace("-", MINUS)
+    raise AssertionError("unreachable")
+
+
 def duration(seconds: float) -> str:
     """A duration as a person says it: 45 s, 12 min, 2 h 05 min."""
     seconds = max(round(seconds), 0)

@@ -58,7 +58,7 @@ class GeometryPanel(Panel):
         if model.references:
             reference = model.references[-1]
             count = len(model.references)
-            self._set("Reference", f"{reference.current * 1e9:.3f} nA ({count} reading{'s' if count > 1 else ''})")
+            self._set("Reference", f"{words.current(reference.current)} ({count} reading{'s' if count > 1 else ''})")
         else:
             self._set("Reference", "–")
         self._show_last()
@@ -77,7 +77,7 @@ class GeometryPanel(Panel):
             f"{words.plane_title(plane_of(last.geometry))}, {words.point_values(point)}\n"
             f"{len(last.signal)} samples, gain {last.gain:.0e} V/A, dark {last.dark * 1e3:.3f} mV"
         )
-        waiting = "waiting for the twin" if point.simulated is None else ""
+        waiting = "no prediction yet" if point.simulated is None else ""
         self._set(
             "Simulated",
             waiting or f"{words.number(point.simulated or 0.0)} ± {words.number(point.u_simulated or 0.0)}",

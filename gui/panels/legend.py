@@ -7,6 +7,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 
 from gui import marks
+from gui.flow import FlowLayout
 from gui.panels.base import quiet
 from gui.scores import CATEGORIES
 from gui.theme import Theme
@@ -51,11 +52,9 @@ class _Sample(QWidget):
 
 
 def legend(theme: Theme) -> QWidget:
-    """A row that explains the plots."""
+    """What explains the plots, in as many rows as it takes."""
     widget = QWidget()
-    row = QHBoxLayout(widget)
-    row.setContentsMargins(0, 0, 0, 0)
-    row.setSpacing(4)
+    flow = FlowLayout(widget)
     entries = {
         "measured": "measured, k = 1 and 2",
         "simulated": "simulated, k = 1 and 2",
@@ -63,14 +62,19 @@ def legend(theme: Theme) -> QWidget:
         "missing": "not measured",
     }
     for what, text in entries.items():
-        row.addWidget(_Sample(theme, what))
-        row.addWidget(quiet(text))
-        row.addSpacing(8)
+        flow.addWidget(_entry(_Sample(theme, what), text))
     for category in CATEGORIES:
         sign = QLabel()
         sign.setPixmap(marks.pixmap(marks.CATEGORY_SIGN[category], getattr(theme, category), 14))
-        row.addWidget(sign)
-        row.addWidget(quiet(category))
-        row.addSpacing(6)
-    row.addStretch(1)
+        flow.addWidget(_entry(sign, category))
     return widget
+
+
+def _entry(sign: QWidget, text: str) -> QWidget:
+    entry = QWidget()
+    row = QHBoxLayout(entry)
+    row.setContentsMargins(0, 0, 0, 0)
+    row.setSpacing(4)
+    row.addWidget(sign)
+    row.addWidget(quiet(text))
+    return entry

@@ -152,7 +152,7 @@ class PlanesPanel(Panel):
         self.table.reload()
         header = self.view.horizontalHeader()
         header.resizeSections(QHeaderView.ResizeMode.ResizeToContents)
-        room = self.view.fontMetrics().horizontalAdvance("00")
+        room = self.view.fontMetrics().horizontalAdvance("0")
         for column in range(header.count()):
             header.resizeSection(column, header.sectionSize(column) + (room if column < header.count() - 4 else 0))
         self._showing = False

@@ -309,7 +309,8 @@ def contrast(a: str, b: str) -> float:
 def test_layout_and_palette_are_remembered(make_stage: Callable[..., Stage]) -> None:
     first = make_stage()
     first.window.use_palette("dark")
-    first.window.across.setSizes([500, 700])
+    first.window.across.setSizes([450, 700])
+    QApplication.processEvents()
     sizes = first.window.across.sizes()
     first.window.close()
     second = make_stage()

@@ -70,6 +70,13 @@ def test_numbers_have_a_true_minus_and_their_decimals() -> None:
     assert words.angle(-7.5) == "−7.5°"
 
 
+@pytest.mark.parametrize(
+    ("amperes", "text"), [(1.654233e-6, "1.654 µA"), (3.1e-8, "31.00 nA"), (-2e-11, "−20.00 pA"), (0.0, "0.000 pA")]
+)
+def test_currents_are_written_with_four_digits(amperes: float, text: str) -> None:
+    assert words.current(amperes) == text
+
+
 def test_a_plane_is_named_by_what_its_points_share() -> None:
     plane = PlaneKey(500.0, 15.0, 0.0, 50.0)
     assert words.plane_title(plane) == "500 nm, illumination zenith 15°, sensor azimuth 50°"
