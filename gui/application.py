@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from instrument.errors import EXIT_BAD_INPUT, InputError
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 #: Debian packages that Qt loads from the system: for any window, and for one on an X11 screen.
 DEBIAN_PACKAGES = (
     "libegl1 libgl1 libglib2.0-0 libfontconfig1 libdbus-1-3 libxkbcommon0 libxkbcommon-x11-0 libxcb-cursor0"
-    " libxcb-icccm4 libxcb-keysyms1 libxcb-shape0 libxcb-xkb1 fonts-dejavu-core"
+    " libxcb-icccm4 libxcb-keysyms1 libxcb-shape0 fonts-dejavu-core"
 )
 _HEADLESS = "a scan without a window runs with: goniotwin scan"
 
@@ -34,8 +35,8 @@ def load_qt() -> None:
         If the packages, or system libraries that they need, are missing.
     """
     try:
-        import pyqtgraph  # noqa: F401
-        from PySide6 import QtWidgets  # noqa: F401
+        for name in ("PySide6.QtWidgets", "pyqtgraph"):
+            import_module(name)
     except ModuleNotFoundError as error:
         raise NoWindow(
             f"the window needs the Python package {error.name}: pip install 'goniotwin[gui]'; {_HEADLESS}"
