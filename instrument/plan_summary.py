@@ -59,12 +59,12 @@ def summarise(
     try:
         ways = check_plan(
             [("reference", geometry) for geometry in reference]
-            + [(f"{plan.source}: point {index}", geometry) for index, geometry in enumerate(plan.points)],
+            + [(f"point {index}", geometry) for index, geometry in enumerate(plan.points)],
             Pose.of(reference[0]),
             Envelope.of(facility.arms, limits),
         )
     except SafetyError as error:
-        raise InputError(str(error)) from None
+        raise InputError(f"{plan.source}: {error}") from None
     return plan, {
         "title": plan.title,
         "points": [geometry.model_dump() for geometry in plan.points],

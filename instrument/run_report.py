@@ -86,8 +86,8 @@ def _file_summary(run: xr.Dataset) -> dict[str, Any]:
         "cannot": capabilities(run),
     }
     if "time" in run.variables:
-        times = np.datetime_as_string(run["time"].values, unit="s")
-        result["time"] = [str(times.min()) + "Z", str(times.max()) + "Z"]
+        ends = np.array([run["time"].values.min(), run["time"].values.max()])
+        result["time"] = [f"{text}Z" for text in np.datetime_as_string(ends, unit="s")]
     return result
 
 

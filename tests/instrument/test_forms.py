@@ -1,0 +1,157 @@
+"""TOML forms: every wrong key is named, with what was found and what was expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from example_runs import FACILITY, SHARED
+from hypothesis import given
+from hypothesis import strategies as st
+
+from instrument.angles import angle_between, direction, fold
+from instrument.artifact import read_artifact
+from instrument.errors import InputError
+from instrument.facility import read_facility
+from instrument.files import write_atomically
+from instrument.forms import read_toml
+
+EXAMPLES = Path(__file__).parents[2] / "sim_fixtures" / "examples"
+
+
+def refused_facility(tmp_path: Path, old: str, new: str) -> str:
+    assert old in FACILITY
+    path = tmp_path / "facility.toml"
+    path.write_text(FACILITY.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_facility(path)
+    message = str(caught.value)
+    assert all(line.startswith(str(path)) for line in message.splitlines())
+    return message
+
+
+def test_the_example_facility_is_the_papers(tmp_path: Path) -> None:
+    facility = read_facility(EXAMPLES / "facility.toml")
+    assert (facility.beam.diameter, facility.sensor.mirror_distance) == (10.8, 204.7)
+    assert facility.arms.shadow_half_angle == 5.0
+    assert facility.reference.sensor_azimuth == (0.0, 45.0, 90.0, 135.0)
+    assert facility.budget.measurement_noise == (0.0051, 0.0070)
+
+
+@pytest.mark.skipif(not (SHARED / "cases").exists(), reason="../shared/cases is not there")
+def test_the_binding_facility_is_read() -> None:
+    assert read_facility(SHARED / "cases" / "common" / "facility.toml").budget.sensor_azimuth == (0.0020, 0.0058)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("radius_1_e2 = 8.0", "radius = 8.0", "beam.radius: unknown key (found 8.0)"),
+        ("radius_1_e2 = 8.0\n", "", "a gaussian beam needs radius_1_e2"),
+        ("diameter = 10.8", "diameter = -1.0", "beam.diameter"),
+        ("diameter = 10.8", 'diameter = "wide"', "beam.diameter"),
+        ("[beam]", '[beam]\nprofile = "square"', "beam.profile: found 'square'"),
+        ("target_diameter = 10.8\n", "", "sensor.target_diameter: missing"),
+        ("sensor_azimuth = [0.0, 180.0]", "sensor_azimuth = [180.0, 0.0]", "must run from low to high"),
+        ("reflectance_factor = 0.99", "reflectance_factor = 0.0", "reference.reflectance_factor: found 0.0"),
+        ("instrument_stability = 0.0082", "instrument_stability = 82", "budget.instrument_stability"),
+        ("instrument_stability", "instrument_stabilty", "budget.instrument_stabilty: unknown key"),
+        ('name = "three arms"', "", "name: missing"),
+        ("[sample]\n", "[sample]\nu_height = nan\n", "sample.u_height"),
+    ],
+)
+def test_a_wrong_facility_is_named(old: str, new: str, expected: str, tmp_path: Path) -> None:
+    assert expected in refused_facility(tmp_path, old, new)
+
+
+def test_unreadable_files_are_named(tmp_path: Path) -> None:
+    for content, expected in ((b"\xff\xfe", "not a text file"), (b"a = ", "not valid TOML")):
+        (tmp_path / "a.toml").write_bytes(content)
+        with pytest.raises(InputError, match=expected):
+            read_toml(tmp_path / "a.toml")
+    with pytest.raises(InputError, match="is a folder"):
+        read_toml(tmp_path)
+    with pytest.raises(InputError, match="no such file"):
+        read_toml(tmp_path / "b.toml")
+
+
+HOLES = "hole,x_mm,y_mm,diameter_mm,u_x_mm,u_y_mm,u_diameter_mm\n0,0,0,2.5,0.01,0.01,0.02\n1,3.6,0,2.5,,,\n"
+
+
+def artifact(tmp_path: Path, holes: str = HOLES, text: str = 'holes = "holes.csv"\n') -> Path:
+    (tmp_path / "holes.csv").write_text(holes)
+    (tmp_path / "artifact.toml").write_text(text)
+    return tmp_path / "artifact.toml"
+
+
+def test_an_artifact_is_its_dimensions_and_holes(tmp_path: Path) -> None:
+    found = read_artifact(artifact(tmp_path))
+    assert len(found.holes) == 2
+    assert found.holes.x.tolist() == [0.0, 3.6]
+    assert found.holes.u_diameter.tolist() == [0.02, 0.0]
+    assert len(read_artifact(EXAMPLES / "artifact.toml").holes) == 144
+
+
+def test_a_flat_sample_has_no_holes(tmp_path: Path) -> None:
+    assert len(read_artifact(artifact(tmp_path, text="block_thickness = 5.0\n")).holes) == 0
+
+
+@pytest.mark.parametrize(
+    ("holes", "text", "expected"),
+    [
+        (HOLES.replace("diameter_mm", "d_mm", 1), None, "header: found"),
+        (HOLES.replace("2.5,0.01", "wide,0.01"), None, "line 2: diameter_mm: found 'wide'"),
+        (HOLES.replace("3.6,0,2.5", "3.6,0,"), None, "line 3: diameter_mm"),
+        (HOLES.replace("0,0,0,2.5", "0,0,0,-2.5"), None, "diameter_mm: found -2.5; expected > 0"),
+        (HOLES.replace("3.6,0", "2.0,0"), None, "holes 0 and 1 overlap by 0.500 mm"),
+        (HOLES.replace("3.6,0", "3600,0"), None, "leaves the plate"),
+        (HOLES.replace("0.01,0.01,0.02", "-0.01,0.01,0.02"), None, "u_x_mm"),
+        (HOLES, 'holes = "none.csv"\n', "no such file"),
+        (HOLES, 'holes = "holes.csv"\nplate_thickness = 4.0\n', "cavity_depth"),
+        (HOLES, 'mesh = "none.ply"\n', "mesh"),
+        (HOLES, "plate_thicknes = 1.0\n", "plate_thicknes: unknown key"),
+    ],
+)
+def test_a_wrong_artifact_is_named(holes: str, text: str | None, expected: str, tmp_path: Path) -> None:
+    path = artifact(tmp_path, holes, text or 'holes = "holes.csv"\n')
+    with pytest.raises(InputError) as caught:
+        read_artifact(path)
+    assert expected in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("angles", "vector"),
+    [((0, 0), (0, 0, 1)), ((90, 0), (1, 0, 0)), ((90, 90), (0, 1, 0)), ((-90, 0), (-1, 0, 0)), ((180, 33), (0, 0, -1))],
+)
+def test_directions_point_where_the_contract_says(
+    angles: tuple[float, float], vector: tuple[float, float, float]
+) -> None:
+    np.testing.assert_allclose(direction(*angles), vector, atol=1e-15)
+
+
+@given(st.floats(-90, 90), st.floats(-720, 720))
+def test_folding_keeps_the_direction(zenith: float, azimuth: float) -> None:
+    folded = fold(zenith, azimuth)
+    assert folded[0] >= 0
+    assert 0 <= folded[1] <= 360
+    np.testing.assert_allclose(direction(*folded), direction(zenith, azimuth), atol=1e-12)
+
+
+@given(st.floats(0, 180), st.floats(0, 360))
+def test_the_angle_to_the_normal_is_the_zenith(zenith: float, azimuth: float) -> None:
+    assert angle_between(direction(zenith, azimuth), direction(0, 0)) == pytest.approx(zenith, abs=1e-9)
+
+
+def test_tiny_angles_are_not_lost() -> None:
+    assert angle_between(direction(30.0, 0.0), direction(30.0 + 1e-7, 0.0)) == pytest.approx(1e-7, rel=1e-6)
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_atomically(path, b"one")
+    write_atomically(path, b"two")
+    assert path.read_bytes() == b"two"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert path.stat().st_mode & 0o077 == 0o644 & 0o077
