@@ -114,13 +114,13 @@ def crossing_faces(mesh: SurfaceMesh) -> tuple[int, int] | None:
     sides = np.sort(np.concatenate([mesh.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
     edges, first = np.unique(sides, axis=0, return_index=True)
     owner = first % len(mesh.faces)
-    for edge, face in _close_pairs(mesh.vertices[edges], corners):
-        share = np.any(mesh.faces[face][:, :, None] == edges[edge][:, None, :], axis=(1, 2))
-        edge, face = edge[~share], face[~share]
+    for near_edge, near_face in _close_pairs(mesh.vertices[edges], corners):
+        share = np.any(mesh.faces[near_face][:, :, None] == edges[near_edge][:, None, :], axis=(1, 2))
+        edge, face = near_edge[~share], near_face[~share]
         hit = _crosses(mesh.vertices[edges[edge, 0]], mesh.vertices[edges[edge, 1]], corners[face])
         if np.any(hit):
-            first = int(np.argmax(hit))
-            return int(owner[edge[first]]), int(face[first])
+            worst = int(np.argmax(hit))
+            return int(owner[edge[worst]]), int(face[worst])
     return None
 
 
@@ -136,7 +136,7 @@ def _close_pairs(segments: FloatArray, triangles: FloatArray) -> Iterator[tuple[
     end = np.searchsorted(starts, high_s[:, axis], side="right")
     count = np.maximum(end - begin, 0)
     bounds = np.concatenate([[0], np.cumsum(count)])
-    at = 0
+    at: int = 0
     while at < len(segments):
         stop = max(at + 1, int(np.searchsorted(bounds, bounds[at] + _PAIRS_AT_ONCE, side="right")) - 1)
         segment = np.repeat(np.arange(at, stop), count[at:stop])
@@ -144,7 +144,7 @@ def _close_pairs(segments: FloatArray, triangles: FloatArray) -> Iterator[tuple[
         triangle = order[begin[segment] + offset]
         overlap = np.all((low_s[segment] <= high_t[triangle]) & (high_s[segment] >= low_t[triangle]), axis=1)
         yield segment[overlap], triangle[overlap]
-        at = stop
+        at = int(stop)
 
 
 def _crosses(a: FloatArray, b: FloatArray, triangle: FloatArray) -> NDArray[np.bool_]:
@@ -155,10 +155,13 @@ def _crosses(a: FloatArray, b: FloatArray, triangle: FloatArray) -> NDArray[np.b
     above, below = (np.sum((x - p) * normal, axis=1) / np.maximum(scale, 1e-300) for x in (a, b))
     tolerance = 1e-7 * (1 + np.abs(p).max(axis=1))
     straddles = ((above > tolerance) & (below < -tolerance)) | ((above < -tolerance) & (below > tolerance))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        point = a + (b - a) * (above / (above - below))[:, None]
-    inside = np.ones(len(a), dtype=bool)
+    crossing = np.zeros(len(a), dtype=bool)
+    rows = np.flatnonzero(straddles)
+    a, b, p, q, r, normal, scale = (x[rows] for x in (a, b, p, q, r, normal, scale))
+    point = a + (b - a) * (above[rows] / (above[rows] - below[rows]))[:, None]
+    inside = np.ones(len(rows), dtype=bool)
     for start, end in ((p, q), (q, r), (r, p)):
         side = np.sum(np.cross(end - start, point - start) * normal, axis=1)
         inside &= side > 1e-9 * scale * np.linalg.norm(end - start, axis=1)
-    return straddles & inside
+    crossing[rows] = inside
+    return crossing

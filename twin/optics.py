@@ -240,7 +240,7 @@ def lit_footprint(layout: Layout, depth: FloatArray, margin_mm: float = 0.2) -> 
     determinant = np.abs(np.linalg.det(frame))
     bounded = bounded & (determinant > 1e-6)
     frame = np.where(bounded[:, None, None], frame, np.eye(2))
-    inverse = np.linalg.inv(frame)
+    inverse = np.asarray(np.linalg.inv(frame), dtype=float)
     deep = np.einsum("nij,nj->ni", inverse, _on_target(layout, -slope * depth[:, None]))
     length = np.linalg.norm(deep, axis=1)
     sweep: FloatArray = np.where((length > 1e-9)[:, None], deep / np.maximum(length, 1e-9)[:, None], [1.0, 0.0])

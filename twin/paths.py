@@ -23,7 +23,7 @@ SCATTERED_SHARE = 4
 _OFFSET_MM = 1e-4
 _BOUNCE_DIMENSION, _PER_BOUNCE = 4, 3
 #: Paths are thinned from this number of reflections on.
-_ROULETTE_DEPTH = 3
+_ROULETTE_DEPTH = 5
 
 
 @dataclass(frozen=True)
