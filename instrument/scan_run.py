@@ -205,9 +205,8 @@ def _status(session: ScanSession, end: ScanEnded, interrupted: bool) -> int:
 
 
 def _conclude(console: Console, session: ScanSession, end: ScanEnded, status: int) -> None:
-    console.print(
-        f"{end.done} of {end.total} points measured: {end.outcome}. Run folder: {session.run_dir}", soft_wrap=True
-    )
+    console.print(f"{end.done} of {end.total} points measured: {end.outcome}.")
+    console.print(f"Run folder: {session.run_dir}", soft_wrap=True)
     if end.done < end.total and status != EXIT_BAD_INPUT:
         console.print(f"To go on with it: goniotwin scan --resume {session.run_dir}", soft_wrap=True)
     if status != EXIT_DONE and end.reason:
