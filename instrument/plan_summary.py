@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from drivers.interfaces import AxisLimits
@@ -80,7 +81,9 @@ def summarise(
 
 def print_summary(plan: Plan, summary: dict[str, Any], *, every_point: bool, console: Console) -> None:
     """Write the summary for people."""
-    console.print(f"[bold]{plan.title or plan.source}[/bold]: {len(plan.points)} points, {len(plan.blocked)} blocked")
+    console.print(
+        f"[bold]{escape(plan.title or plan.source)}[/bold]: {len(plan.points)} points, {len(plan.blocked)} blocked"
+    )
     console.print(_planes(plan))
     if plan.blocked:
         for reason in dict.fromkeys(blocked.reason for blocked in plan.blocked):
@@ -92,7 +95,7 @@ def print_summary(plan: Plan, summary: dict[str, Any], *, every_point: bool, con
         console.print("Points, in order:")
         for index, point in enumerate(plan.points):
             console.print(f"  {index:5d}  {describe(point)}")
-    detours = f" ({summary['detours']} points are reached around the shadow cone)" if summary["detours"] else ""
+    detours = f" (ways around the shadow cone: {summary['detours']})" if summary["detours"] else ""
     console.print(
         f"Takes about {spoken(summary['duration_s'])}: {len(plan.points)} points and"
         f" {summary['reference_readings']} reference readings of {plan.samples} samples;"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from instrument.errors import InputError
@@ -28,18 +29,20 @@ def overview_table(rows: Sequence[Overview]) -> Table:
     table = Table("run", "started (UTC)", "title", "points", "skipped", "outcome")
     for row in rows:
         if row.problem:
-            table.add_row(row.folder.name, "", "", "", "", f"[red]{row.problem}[/red]")
+            table.add_row(row.folder.name, "", "", "", "", f"[red]{escape(row.problem)}[/red]")
         else:
             points = f"{row.measured} of {row.planned}"
-            table.add_row(row.folder.name, row.created[:19], row.title, points, str(row.skipped or ""), row.outcome)
+            table.add_row(
+                row.folder.name, row.created[:19], escape(row.title), points, str(row.skipped or ""), row.outcome
+            )
     return table
 
 
 def verification_table(result: Verification) -> Table:
     """One row a check."""
-    table = Table("check", "", "found", title=str(result.folder), title_justify="left")
+    table = Table("check", "", "found", title=escape(str(result.folder)), title_justify="left")
     for check in result.checks:
-        table.add_row(check.name, "[green]good[/green]" if check.passed else "[red]bad[/red]", check.found)
+        table.add_row(check.name, "[green]good[/green]" if check.passed else "[red]bad[/red]", escape(check.found))
     return table
 
 
@@ -112,7 +115,7 @@ def _planes(run: xr.Dataset) -> list[dict[str, Any]]:
 def print_run(summary: dict[str, Any], console: Console) -> None:
     """Write a summary of :func:`run_summary` for people."""
     title = f": {summary['title']}" if summary.get("title") else ""
-    console.print(f"[bold]{summary['source']}[/bold]{title}")
+    console.print(f"[bold]{escape(summary['source'])}[/bold]{escape(title)}")
     if "outcome" in summary:
         console.print(
             f"started {summary['created']}, {summary['outcome']}; {summary['measured']} of {summary['planned']} points,"
@@ -120,9 +123,9 @@ def print_run(summary: dict[str, Any], console: Console) -> None:
         )
         for record in summary["skipped_points"]:
             skipped = SkippedRecord.model_validate(record)
-            console.print(f"  skipped: point {skipped.index}, {describe(skipped.geometry)}: {skipped.reason}")
+            console.print(f"  skipped: point {skipped.index}, {describe(skipped.geometry)}: {escape(skipped.reason)}")
         for note in summary["notes"]:
-            console.print(f"  note: {note}")
+            console.print(f"  note: {escape(note)}")
     if "planes" not in summary:
         console.print(f"no {RUN_NAME} yet")
         return
@@ -136,6 +139,6 @@ def print_run(summary: dict[str, Any], console: Console) -> None:
     console.print(f"combined standard uncertainty {100 * low:.2f} to {100 * high:.2f} %")
     for name, number in summary["flagged"].items():
         if number:
-            console.print(f"{number} points are flagged: {name}")
+            console.print(f"flagged {name}: {number} of {summary['points']} points")
     for sentence in summary["cannot"]:
         console.print(f"- {sentence}")

@@ -198,9 +198,11 @@ def test_runs_are_listed_with_their_outcome(tmp_path: Path) -> None:
 
 def test_a_run_is_shown_with_what_it_cannot_support(finished: Path, tmp_path: Path) -> None:
     with Journal.reopen(finished) as journal:
-        journal.record("skipped", index=9, geometry=geometry(30.0), time=header()["created"], reason="axis stalled")
+        journal.record(
+            "skipped", index=9, geometry=geometry(30.0), time=header()["created"], reason="axis [/sen] stalled"
+        )
     output = run("show", finished, "--json", tmp_path / "s.json").output
-    assert "axis stalled" in output
+    assert "axis [/sen] stalled" in output
     assert "no correlation stated for `u_brf_stability`" in output
     summary = json.loads((tmp_path / "s.json").read_text())
     assert summary["planes"][0]["points"] == 4
@@ -213,8 +215,8 @@ def test_flagged_points_are_counted(tmp_path: Path) -> None:
     flagged = minimal_run().assign(quality_flag=("point", np.array([0, 9, 8], dtype=np.int8)))
     write_run(flagged, tmp_path / "run.nc")
     output = run("show", tmp_path / "run.nc").output
-    assert "2 points are flagged: repeated" in output
-    assert "1 points are flagged: saturated" in output
+    assert "flagged repeated: 2 of 3 points" in output
+    assert "flagged saturated: 1 of 3 points" in output
 
 
 def test_commands_are_registered() -> None:
