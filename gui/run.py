@@ -81,8 +81,8 @@ def run(options: Options, screenshot: Path | None = None) -> int:
         os.environ["QT_QPA_PLATFORM"] = "offscreen"
     application = start_application()
     settings = QSettings("goniotwin", "window")
-    if screenshot is not None:
-        settings = QSettings(str(screenshot.with_suffix(".ini")), QSettings.Format.IniFormat)
+    if screenshot is not None:  # as a first start, whatever the person of this machine has chosen
+        settings = QSettings(os.devnull, QSettings.Format.IniFormat)
 
     def controller(listener: Listener, plan: Path | None) -> Controller:
         return SessionController(options.request(plan), listener)

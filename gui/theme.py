@@ -188,6 +188,7 @@ def _style_sheet(theme: Theme) -> str:
     QTableView, QListView {{ border: none; background: {theme.surface}; gridline-color: {theme.line};
                              selection-background-color: {theme.tone_surface["busy"]};
                              selection-color: {theme.text}; }}
+    QHeaderView {{ background: {theme.surface}; }}
     QHeaderView::section {{ background: {theme.surface}; color: {theme.quiet_text}; border: none;
                             border-bottom: 1px solid {theme.line}; padding: 4px 3px; }}
     QSplitter::handle {{ background: {theme.window}; }}

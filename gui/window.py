@@ -253,7 +253,7 @@ class MainWindow(QMainWindow):
         plan = self.model.title or (self._plan.name if self._plan else "")
         parts = [part for part in (plan, self._laboratory, "goniotwin") if part]
         self.setWindowTitle(" – ".join(parts))
-        where = f"Run folder {self.model.run_dir}" if self.model.run_dir else ""
+        where = f"Run folder {_short(self.model.run_dir)}" if self.model.run_dir else ""
         ready = f"Plan {self._plan}" if self._plan else "" if self._plan_needed else "The laboratory's own plan"
         self.statusBar().showMessage(where or ready or "Open a plan to begin (Ctrl+O)")
 
@@ -308,3 +308,9 @@ class MainWindow(QMainWindow):
         self._settings.setValue("geometry", self.saveGeometry())
         self._settings.setValue("across", self.across.saveState())
         self._settings.setValue("down", self.down.saveState())
+
+
+def _short(folder: str) -> str:
+    """A folder as seen from where the program was started, where it lies below."""
+    path = Path(folder)
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else folder

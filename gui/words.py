@@ -20,6 +20,12 @@ def angle(value: float) -> str:
     return f"{value:g}°".replace("-", MINUS)
 
 
+def sentence(text: str) -> str:
+    """A reason of the engine as a sentence."""
+    text = text.strip().rstrip(".")
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
 def current(amperes: float) -> str:
     """A photocurrent with four significant digits: 1.654 µA, 31.00 nA."""
     for factor, unit in ((1e3, "mA"), (1e6, "µA"), (1e9, "nA"), (1e12, "pA")):

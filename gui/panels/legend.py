@@ -12,6 +12,8 @@ from gui.panels.base import quiet
 from gui.scores import CATEGORIES
 from gui.theme import Theme
 
+_HEIGHT = 22
+
 
 class _Sample(QWidget):
     """A short piece of a curve as it is drawn in the plot."""
@@ -19,7 +21,7 @@ class _Sample(QWidget):
     def __init__(self, theme: Theme, what: str) -> None:
         super().__init__()
         self._theme, self._what = theme, what
-        self.setFixedSize(QSize(34, 22))
+        self.setFixedSize(QSize(34, _HEIGHT))
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw."""
@@ -75,6 +77,7 @@ def _entry(sign: QWidget, text: str) -> QWidget:
     row = QHBoxLayout(entry)
     row.setContentsMargins(0, 0, 0, 0)
     row.setSpacing(4)
+    entry.setFixedHeight(_HEIGHT)
     row.addWidget(sign)
     row.addWidget(quiet(text))
     return entry

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidge
 
 from gui import marks, words
 from gui.model import Changes, Line, ScanModel
-from gui.panels.base import Panel
+from gui.panels.base import Panel, quiet
 from gui.theme import Theme
 
 _COLUMNS = ("Time (UTC)", "Level", "Message", "What to do")
@@ -96,13 +96,19 @@ class MessagesPanel(Panel):
             header.setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
         self.view.verticalHeader().setMinimumSectionSize(24)
         self.view.verticalHeader().setDefaultSectionSize(24)
-        self.body.addWidget(self.view)
-        self.table.reload()
+        self.none = quiet("Nothing to report so far.")
+        self.none.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.body.addWidget(self.none, 1)
+        self.body.addWidget(self.view, 1)
+        self.refresh(Changes(scan=True))
 
     def refresh(self, changes: Changes) -> None:
         """Show new messages."""
         if changes.messages or changes.scan:
             self.table.reload()
+            empty = self.table.rowCount() == 0
+            self.none.setVisible(empty)
+            self.view.setVisible(not empty)
             for row in range(min(self.table.rowCount(), _WRAPPED)):
                 self.view.resizeRowToContents(row)
 

@@ -152,9 +152,8 @@ class PlanesPanel(Panel):
         self.table.reload()
         header = self.view.horizontalHeader()
         header.resizeSections(QHeaderView.ResizeMode.ResizeToContents)
-        room = self.view.fontMetrics().horizontalAdvance("0")
-        for column in range(header.count()):
-            header.resizeSection(column, header.sectionSize(column) + (room if column < header.count() - 4 else 0))
+        for column in range(header.count() - len(CATEGORIES), header.count()):
+            header.resizeSection(column, header.minimumSectionSize())
         self._showing = False
 
     def show_plane(self, plane: PlaneKey | None) -> None:

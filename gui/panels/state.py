@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
-from gui import marks
+from gui import marks, words
 from gui.looks import LOOKS, Look
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel
@@ -53,7 +53,7 @@ class StatePanel(Panel):
         if model.connected and model.state in FINAL:
             text = "The devices are being released and the results written."
         if model.state_reason:
-            text = f"{model.state_reason.rstrip('.')}. {text}"
+            text = f"{words.sentence(model.state_reason)} {text}"
         colour = self.theme.tone(look.tone)
         self.sign.setPixmap(marks.pixmap(look.sign, colour, 48))
         self.name.setText(look.title)

@@ -72,7 +72,7 @@ def test_the_state_is_shown_in_words(stage: Stage) -> None:
     assert panel.accessibleName() == "State of the scan: Measuring"
     stage.play(changed("measuring", "suspended", "the interlock of the source is open"))
     assert panel.name.text() == "Suspended"
-    assert panel.text.text().startswith("the interlock of the source is open.")
+    assert panel.text.text().startswith("The interlock of the source is open. The laboratory")
 
 
 @pytest.mark.parametrize(("key", "command"), [(F6, "pause"), (F12, "halt")])
