@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +42,9 @@ def open_window(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., MainWind
     plan.write_text(PLAN)
     controllers: list[SessionController] = []
 
-    def make(**how: Any) -> MainWindow:
+    def make(twin: bool = False, **how: Any) -> MainWindow:
         def factory(listener: Listener, chosen: Path | None) -> Controller:
-            request = ScanRequest(plan=chosen, simulate=True, speed=SPEED, out=tmp_path / "run", twin=False)
+            request = ScanRequest(plan=chosen, simulate=True, speed=SPEED, out=tmp_path / "run", twin=twin)
             controllers.append(SessionController(request, listener, **how))
             return controllers[-1]
 
@@ -135,6 +136,20 @@ def test_a_bad_plan_is_explained_and_nothing_starts(
     assert "sensor_azimut" in line.text
     assert "Correct the file" in line.advice
     assert window.model.total == 0
+
+
+@pytest.mark.skipif(
+    not entry_points(group="goniotwin.observers", name="twin"), reason="no observer 'twin' is installed"
+)
+def test_every_reading_is_shown_beside_its_prediction(open_window: Callable[..., MainWindow], qtbot: QtBot) -> None:
+    window = open_window(twin=True)
+    model = window.model
+    qtbot.keyClick(window, F5)
+    qtbot.waitUntil(lambda: model.state is State.FINISHED and not model.connected, timeout=LONG)
+    assert sum(model.tally.values()) == model.total == 9
+    assert len(window.plots.sim_line.getData()[0]) == len(window.plots.t_points.data) == 9
+    scores = [point.score.t for point in model.points if point.score]
+    assert max(map(abs, scores)) < 5  # the simulated laboratory has no imperfection beyond its budget
 
 
 class Both(WindowOperator):
