@@ -56,10 +56,12 @@ def timed(*words: str) -> tuple[int, str, float]:
     ],
 )
 def test_help_and_usage_errors_answer_at_once_without_anything_heavy(words: list[str], status: int) -> None:
-    # The quickest of three: other programs on the machine slow a process down, nothing speeds it up.
-    results = [timed(*words) for _ in range(3)]
-    assert {result[0] for result in results} == {status}
-    assert min(result[2] for result in results) < BUDGET
+    for _ in range(3):  # other programs on the machine slow a process down, nothing speeds it up
+        found, _, seconds = timed(*words)
+        assert found == status
+        if seconds < BUDGET:
+            return
+    pytest.fail(f"{seconds:.2f} s of processor time; expected less than {BUDGET} s")
 
 
 def test_help_lists_every_registered_command_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:
