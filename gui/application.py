@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
 from importlib import import_module
@@ -59,7 +58,6 @@ def start_application() -> QApplication:
 
     from gui.theme import ensure_fonts
 
-    hold_singletons()
     application = QApplication.instance()
     if not isinstance(application, QApplication):
         qInstallMessageHandler(_explain_fatal)
@@ -72,23 +70,6 @@ def start_application() -> QApplication:
     return application
 
 
-def hold_singletons() -> None:
-    """Keep PySide6 6.12.0 from destroying ``None``, ``True`` and ``False`` before Python 3.12.
-
-    That version gives away a reference it does not own whenever one of its functions returns one of them (6.11.3
-    does not): harmless since Python 3.12, where they are immortal, but before that their counts reach zero after some
-    thousand calls, and Python ends with "deallocating None". A count that no run can use up makes them immortal
-    here too.
-    """
-    if sys.version_info >= (3, 12):
-        return
-    for constant in (None, True, False, NotImplemented, ...):
-        count = ctypes.c_ssize_t.from_address(id(constant))  # the first field of a CPython object
-        if count.value < _MANY:
-            count.value += _MANY
-
-
-_MANY = 1 << 50
 _said: list[str] = []
 
 

@@ -380,7 +380,8 @@ def test_memory_of_the_plot_does_not_grow_with_the_number_of_updates(stage: Stag
 @pytest.mark.skipif(sys.version_info >= (3, 12), reason="they are immortal since Python 3.12")
 def test_qt_does_not_use_up_the_references_to_none_and_true(stage: Stage) -> None:
     running(stage, 20)
+    before = {constant: sys.getrefcount(constant) for constant in (None, True, False)}
     for _ in range(5000):  # each emits two signals
         stage.window.plots.brf_plot.setYRange(0.0, 1.0, padding=0)
-    for constant in (None, True, False):
-        assert sys.getrefcount(constant) > 1 << 40
+    for constant, count in before.items():
+        assert sys.getrefcount(constant) > count - 1000  # PySide6 6.12.0 loses one a call and more
