@@ -253,7 +253,7 @@ def _on_target(layout: Layout, offset: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(basis, offset[..., None])[:, :2, 0])
 
 
-def reference_change(facility: Facility, setup: Setup, nodes: int = 4096) -> float:
+def reference_change(facility: Facility, setup: Setup, nodes: int = 2**17) -> float:
     """Reference reading with an instrument that is off, over that of the nominal one.
 
     The reading of the run is divided by the reading of a reference sample, taken with the same instrument; the

@@ -133,7 +133,7 @@ class Paths:
             incoming, factor, _ = self._lookup.sample(met.table, met.normal, met.towards, u, v, alive)
             flow *= factor
             depth += 1
-            survival = dr.select(depth > _ROULETTE_DEPTH, smaller(dr, flow, 0.95), 1.0)
+            survival = dr.select(depth > _ROULETTE_DEPTH, smaller(dr, flow, 0.995), 1.0)
             alive &= w < survival
             flow /= larger(dr, survival, 1e-20)
             return begun, alive, index, depth, met.place, incoming, weight, flow, total
@@ -145,12 +145,12 @@ class Paths:
         mi, dr = self._mi, self._dr
         hit = self._scene.ray_intersect_preliminary(mi.Ray3f(origin, heading), active=active)
         found = active & hit.is_valid()
-        face = dr.gather(mi.Vector4f, self._faces, hit.prim_index, found)
-        normal = mi.Normal3f(face.x, face.y, face.z)
+        *direction, mark = (dr.gather(mi.Float, column, hit.prim_index, found) for column in self._faces)
+        normal = mi.Normal3f(*direction)
         found &= dr.dot(normal, heading) < 0
         place = mi.Point3f(origin + heading * hit.t + normal * _OFFSET_MM)
-        table = self._lookup.at(sensor.table, mi.UInt32(dr.abs(face.w)) - 1, found)
-        return Meeting(found, place, normal, -heading, table, face.w < 0)
+        table = self._lookup.at(sensor.table, mi.UInt32(dr.abs(mark)) - 1, found)
+        return Meeting(found, place, normal, -heading, table, mark < 0)
 
     def _lit(self, sensor: Lane, met: Meeting, index: Any, depth: Any, seeds: Any, active: Any = True) -> Any:
         """Radiance that the beam leaves at the meeting, towards where the ray came from."""
@@ -174,9 +174,12 @@ def _scene(mi: Any, mesh: SurfaceMesh) -> Any:
 
 
 def _face_records(mi: Any, mesh: SurfaceMesh) -> Any:
-    """Normal and label of every face, flat (face, 4); the label counts from 1 and is negative on top of the sample."""
+    """Normal (three columns) and mark of every face: its label counted from 1, negative on top of the sample.
+
+    Columns apart, because a gather of four at once compiles differently with the alignment of the memory.
+    """
     normals = mesh.normals()
     height = mesh.corners()[:, :, 2].min(axis=1)
     top = (normals[:, 2] > 1 - 1e-9) & (height > mesh.vertices[:, 2].max() - 1e-9)
     label = np.where(top, -1.0, 1.0) * (mesh.labels.astype(float) + 1)
-    return mi.Float(np.column_stack([normals, label]).ravel())
+    return [mi.Float(np.ascontiguousarray(column)) for column in (*normals.T, label)]

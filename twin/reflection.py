@@ -112,7 +112,8 @@ class _Axis:
         first = np.clip(np.searchsorted(single, edges, side="right") - 1, 0, len(single) - 2)
         width = np.diff(single)
         self._nodes = mi.Float(single)
-        self._inverse = mi.Float(1 / width)
+        # A node more than intervals: Dr.Jit compiles arrays of one entry differently.
+        self._inverse = mi.Float(np.append(1 / width, 0.0))
         self._first = mi.UInt32(first.astype(np.uint32))
         self._start = dr.opaque(mi.Float, float(single[0]))
         self._scale = dr.opaque(mi.Float, bins / span)

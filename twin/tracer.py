@@ -175,9 +175,7 @@ class Tracer:
             order = coherent_order((count * streams).bit_length() - 1)
             share = Share(start, stride, dr.opaque(mi.UInt32, count), origin, mi.UInt32(order.ravel()))
             total += follow(sensor, seeds, share) * dr.opaque(mi.Float64, 1 / (count * streams))
-        sums = dr.zeros(mi.Float64, cells)
-        dr.scatter_add(sums, total, cell)
-        return np.array(sums).reshape(-1, RANDOMISATIONS)
+        return np.array(total).reshape(-1, RANDOMISATIONS, streams).sum(axis=2)
 
 
 def _streams(cells: int, samples: int) -> int:
