@@ -107,7 +107,7 @@ def test_white_furnace(sample: Any) -> None:
     cosine, azimuth = np.sqrt((np.arange(count) + random.uniform(0, 1, count)) / count), random.uniform(0, 360, count)
     narrow = facility("unbounded", shape="horizontal_disc", target=3.6 * 2.0)
     plan = columns(np.rad2deg(np.arccos(cosine)), np.full(count, 25.0), np.full(count, 33.0), azimuth)
-    value, error = trace(tracer, narrow, plan, 128)
+    value, _error = trace(tracer, narrow, plan, 128)
     mean, spread = value.mean(), value.std(ddof=1) / np.sqrt(count)
     assert abs(mean - 1.0) < 4 * spread + 1e-4
     assert spread < 0.02
