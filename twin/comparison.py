@@ -119,7 +119,7 @@ class Comparison:
         return json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
 
 
-def compare(measurement: xr.Dataset, prediction: xr.Dataset) -> Comparison:
+def compare(measurement: xr.Dataset, prediction: xr.Dataset, *, notes: tuple[str, ...] = ()) -> Comparison:
     """Compare a run with a prediction of the same points.
 
     Parameters
@@ -129,19 +129,21 @@ def compare(measurement: xr.Dataset, prediction: xr.Dataset) -> Comparison:
     prediction
         Prediction form: the coordinates, ``brf``, ``u_brf`` and ``u_brf_monte_carlo``, in any order; points that
         were not measured are left out.
+    notes
+        What the caller already has to say about the data.
 
     Raises
     ------
     InputError
         If a measured point has no prediction, a value is missing or no point can be compared; names the point.
     """
-    usable, notes = _usable(measurement)
+    usable, remarks = _usable(measurement)
     rows = np.flatnonzero(usable)
     measured = measurement[list(GEOMETRY)].isel(point=rows)
     matched = prediction.isel(point=match_points(measured, prediction, rows))
     points = _point_table(measurement.isel(point=rows), matched, rows)
     if np.array_equal(points.u_simulated.values, points.u_monte_carlo.values):
-        notes.append(MONTE_CARLO_ONLY)
+        remarks.append(MONTE_CARLO_ONLY)
     in_plane = _in_plane(points)
     return Comparison(
         points=points,
@@ -150,7 +152,7 @@ def compare(measurement: xr.Dataset, prediction: xr.Dataset) -> Comparison:
         out_of_plane=_group(points, ~in_plane),
         planes=_planes(points),
         median_relative_standard_error=float(np.median(points.u_monte_carlo.values / points.simulated.values)),
-        notes=tuple(notes),
+        notes=(*notes, *remarks),
     )
 
 

@@ -176,7 +176,7 @@ class PredictionWorker:
         request = _Request(tuple(indices), message)
         with self._lock:
             if self._closed:
-                raise RuntimeError("the prediction worker is closed")
+                raise WorkerError("the prediction worker is closed")
             self._requests.put(request)
         return request.future
 

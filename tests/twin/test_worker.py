@@ -202,7 +202,7 @@ def test_closing_ends_the_process_at_once_and_fails_what_is_waiting(worker_of, f
     for future in (under_way, waiting):
         with pytest.raises(WorkerError):
             future.result(PATIENCE)
-    with pytest.raises(RuntimeError, match="closed"):
+    with pytest.raises(WorkerError, match="closed"):
         worker.predict([3], [geometry(1.0)], 0.01)
 
 

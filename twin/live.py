@@ -1,0 +1,274 @@
+"""The twin that follows a scan: predicts ahead of it in another process and sums up when it is over.
+
+Registered as observer ``twin`` in the entry-point group ``goniotwin.observers``. Three threads are involved: the
+bus's, on which :meth:`LiveTwin.on_event` only takes notes; one that asks the worker for batch after batch; and whoever
+calls :meth:`LiveTwin.finish`. Whatever happens to the worker process, the scan goes on; what it owes is computed again.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from instrument.errors import InputError
+from instrument.events import (
+    Event,
+    Geometry,
+    Message,
+    PointAnnotated,
+    PointMeasured,
+    PointSkipped,
+    PointStarted,
+    ScanEnded,
+    ScanStarted,
+)
+from instrument.observers import Publish
+from twin.schedule import Batch, Schedule, Stage
+from twin.worker import Prediction, PredictionWorker, TwinUnusable, WorkerError, WorkerUnavailable
+
+log = logging.getLogger(__name__)
+
+SOURCE = "twin"
+#: A quick look first, a few whole slices ahead of the scan; then the accuracy that a comparison needs.
+STAGES = (Stage(standard_error=0.004, batch=33), Stage(standard_error=0.001, batch=11))
+#: After so many failures in a row, and none to wait for but them, the rest is reported as missing.
+LAST_ATTEMPTS = 8
+
+
+class Predictor(Protocol):
+    """What the live twin needs of :class:`~twin.worker.PredictionWorker`."""
+
+    def predict(self, indices: tuple[int, ...], geometries: list[Geometry], standard_error: float) -> Any: ...
+
+    def close(self) -> None: ...
+
+
+PredictorFactory = Callable[[Path, Path, Path], Predictor]
+
+
+def observer(publish: Publish) -> LiveTwin:
+    """Entry point: a twin for one scan."""
+    return LiveTwin(publish)
+
+
+class LiveTwin:
+    """Predicts the points of one scan while it runs.
+
+    Parameters
+    ----------
+    publish
+        Puts events on the bus; may be called from any thread.
+    predictor
+        Makes a predictor of (facility, artifact, material).
+    stages
+        Passes over the points, from coarse to fine.
+    """
+
+    def __init__(
+        self,
+        publish: Publish,
+        *,
+        predictor: PredictorFactory = PredictionWorker,
+        stages: tuple[Stage, ...] = STAGES,
+    ) -> None:
+        self._publish = publish
+        self._make_predictor = predictor
+        self._stages = stages
+        self._change = threading.Condition()
+        self._clock = _LaboratoryClock()
+        self._predictor: Predictor | None = None
+        self._thread: threading.Thread | None = None
+        self._schedule: Schedule | None = None
+        self._points: tuple[Geometry, ...] = ()
+        self._measured: set[int] = set()
+        self._values: dict[int, dict[str, float]] = {}
+        self._attributes: dict[str, Any] = {}
+        self._run_file: Path | None = None
+        self._finishing = self._closed = False
+        self._hopeless = ""
+
+    def on_event(self, event: Event) -> None:
+        """Take note of where the scan is; never waits for a prediction."""
+        with self._change:
+            self._clock.see(event)
+            if isinstance(event, ScanStarted):
+                self._start(event)
+            elif isinstance(event, PointMeasured):
+                self._measured.add(event.index)
+                self._move(event.index + 1)
+            elif isinstance(event, PointSkipped):
+                self._move(event.index + 1)
+            elif isinstance(event, PointStarted):
+                self._move(event.index)
+            elif isinstance(event, ScanEnded) and event.run_file is not None:
+                self._run_file = Path(event.run_file)
+
+    def finish(self, run_dir: Path) -> list[Any]:
+        """Complete the predictions of all measured points, write ``prediction.nc``, ``comparison.json`` and
+        ``figures/`` into the run folder.
+
+        Returns
+        -------
+        list
+            Tables for the terminal; empty where there was nothing to predict.
+        """
+        if self._thread is None:
+            return []
+        self._complete()
+        from twin.summary import NothingToCompare, summarise
+
+        with self._change:
+            values, attributes, run_file = dict(self._values), dict(self._attributes), self._run_file
+        try:
+            return summarise(run_file or run_dir / "run.nc", self._points, values, attributes, run_dir)
+        except NothingToCompare as reason:
+            self._say("warning", f"no comparison: {self._hopeless or reason}")
+            return []
+
+    def close(self) -> None:
+        """End the worker process and the thread; may be called at any time and repeatedly."""
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+        if self._predictor is not None:
+            self._predictor.close()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _start(self, event: ScanStarted) -> None:
+        self._measured.update(event.done)
+        if self._thread is not None or self._closed:
+            return
+        if event.facility is None or event.artifact is None or event.material is None:
+            names = {"facility": event.facility, "artifact": event.artifact, "material": event.material}
+            missing = ", ".join(name for name, path in names.items() if path is None)
+            self._say("info", f"the twin predicts nothing: the scan names no {missing}")
+            return
+        self._points = event.points
+        self._schedule = Schedule(event.points, self._stages)
+        self._schedule.move_to(_first_open(len(event.points), self._measured))
+        self._predictor = self._make_predictor(Path(event.facility), Path(event.artifact), Path(event.material))
+        self._thread = threading.Thread(target=self._predict_all, name="live twin", daemon=True)
+        self._thread.start()
+
+    def _move(self, position: int) -> None:
+        if self._schedule is not None:
+            self._schedule.move_to(position)
+
+    def _complete(self) -> None:
+        """Wait until every measured point is predicted, or cannot be."""
+        assert self._schedule is not None
+        assert self._thread is not None
+        with self._change:
+            self._finishing = True
+            self._schedule.restrict(self._measured)
+            remaining = self._schedule.remaining
+            self._change.notify_all()
+        if remaining and not self._hopeless:
+            self._say("info", f"the scan is over; the twin still predicts or refines {remaining} points")
+        self._thread.join()
+        lost = self._schedule.remaining + len(self._schedule.given_up & self._measured)
+        if lost and not self._closed and not self._hopeless:
+            self._say("warning", f"{lost} points could not be predicted as accurately as wanted, or not at all")
+
+    def _predict_all(self) -> None:
+        """The thread that keeps the worker busy."""
+        assert self._schedule is not None
+        failures = 0
+        while (batch := self._next_batch(failures)) is not None:
+            try:
+                self._take(batch, self._ask(batch))
+                failures = 0
+            except WorkerUnavailable as pause:
+                self._say(
+                    "warning", f"the twin pauses: {pause}", "predictions go on by themselves; the scan is not affected"
+                )
+                self._rest(pause.retry_after_s)
+            except WorkerError as error:
+                failures += 1
+                if not self._closed:
+                    self._lose(batch, error)
+            except (InputError, TwinUnusable) as error:
+                self._give_up(str(error))
+                return
+
+    def _next_batch(self, failures: int) -> Batch | None:
+        """Wait for something to do; None at the end."""
+        assert self._schedule is not None
+        with self._change:
+            while not self._closed:
+                if self._finishing and failures >= LAST_ATTEMPTS:
+                    return None
+                batch = self._schedule.next_batch()
+                if batch is not None or self._finishing:
+                    return batch
+                self._change.wait()
+        return None
+
+    def _ask(self, batch: Batch) -> Prediction:
+        assert self._predictor is not None
+        geometries = [self._points[index] for index in batch.indices]
+        prediction: Prediction = self._predictor.predict(batch.indices, geometries, batch.standard_error).result()
+        return prediction
+
+    def _take(self, batch: Batch, prediction: Prediction) -> None:
+        assert self._schedule is not None
+        columns = zip(prediction.indices, prediction.brf, prediction.u_brf, prediction.u_brf_monte_carlo, strict=True)
+        values = {i: {"brf": brf, "u_brf": u, "u_brf_monte_carlo": u_mc} for i, brf, u, u_mc in columns}
+        with self._change:
+            self._schedule.succeeded(batch)
+            self._values.update(values)
+            self._attributes = prediction.attributes
+            now = self._clock.now()
+        for index, annotation in values.items():
+            self._publish(PointAnnotated(time=now, index=index, source=SOURCE, values=annotation))
+
+    def _lose(self, batch: Batch, error: WorkerError) -> None:
+        assert self._schedule is not None
+        with self._change:
+            self._schedule.failed(batch)
+        self._say(
+            "warning",
+            f"a prediction of {len(batch.indices)} points was lost: {error}",
+            "they are computed again; the scan is not affected",
+        )
+
+    def _give_up(self, reason: str) -> None:
+        self._hopeless = reason
+        self._say("error", f"the twin cannot predict: {reason}", "the scan goes on; compare its run afterwards")
+
+    def _rest(self, seconds: float) -> None:
+        with self._change:
+            self._change.wait_for(lambda: self._closed, timeout=max(seconds, 0.0))
+
+    def _say(self, level: Literal["info", "warning", "error"], text: str, advice: str = "") -> None:
+        log.log(getattr(logging, level.upper()), "%s", text)
+        with self._change:
+            now = self._clock.now()
+        self._publish(Message(time=now, level=level, text=text, advice=advice))
+
+
+class _LaboratoryClock:
+    """Laboratory time, carried on from the last event with the speed that the scan's clock runs at."""
+
+    def __init__(self) -> None:
+        self._time, self._at, self._speed = datetime.now(UTC), time.monotonic(), 1.0
+
+    def see(self, event: Event) -> None:
+        if isinstance(event, PointAnnotated | Message):
+            return  # these are stamped by listeners, this one among them
+        if isinstance(event, ScanStarted):
+            self._speed = event.clock_speed
+        self._time, self._at = event.time, time.monotonic()
+
+    def now(self) -> datetime:
+        return self._time + timedelta(seconds=self._speed * (time.monotonic() - self._at))
+
+
+def _first_open(count: int, done: set[int]) -> int:
+    return next((index for index in range(count) if index not in done), count)

@@ -1,0 +1,86 @@
+"""What the twin leaves behind after a scan: ``prediction.nc``, ``comparison.json``, ``figures/`` and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from instrument.dataset import read_run, write_prediction
+from instrument.events import Geometry
+from instrument.files import write_atomically
+from twin.comparison import Comparison, compare
+from twin.figures import draw_planes
+from twin.matching import GEOMETRY, find_points
+from twin.tables import comparison_tables
+
+PREDICTED = ("brf", "u_brf", "u_brf_monte_carlo")
+
+
+class NothingToCompare(RuntimeError):
+    """No measured point with a prediction."""
+
+
+def summarise(
+    run_file: Path,
+    points: Sequence[Geometry],
+    values: Mapping[int, Mapping[str, float]],
+    attributes: Mapping[str, Any],
+    run_dir: Path,
+) -> list[Any]:
+    """Compare a run with the values that were predicted while it was measured.
+
+    Parameters
+    ----------
+    run_file
+        The measured run; rows without prediction are left out of the comparison, which says so.
+    points
+        All points of the plan.
+    values
+        By index in the plan: ``brf``, ``u_brf``, ``u_brf_monte_carlo``.
+    attributes
+        Of the prediction.
+    run_dir
+        Where the files go.
+
+    Raises
+    ------
+    NothingToCompare
+        If there is no run file, or no row of it has a prediction.
+    """
+    if not run_file.exists():
+        raise NothingToCompare(f"{run_file}: no such file")
+    run = read_run(run_file)
+    rows = find_points(run, prediction_dataset(points, values, attributes))
+    if not np.any(rows >= 0):
+        raise NothingToCompare(f"none of the {len(rows)} measured points has a prediction")
+    run = run.isel(point=np.flatnonzero(rows >= 0))
+    predicted = prediction_dataset(points, values, attributes).isel(point=rows[rows >= 0])
+    write_prediction(predicted, run_dir / "prediction.nc")
+    unpredicted = int(np.count_nonzero(rows < 0))
+    extra = (f"{unpredicted} measured points have no prediction and are left out.",) if unpredicted else ()
+    comparison = compare(run, predicted, notes=extra)
+    write_comparison(comparison, run_dir / "comparison.json")
+    draw_planes(comparison, run_dir / "figures")
+    return comparison_tables(comparison)
+
+
+def prediction_dataset(
+    points: Sequence[Geometry], values: Mapping[int, Mapping[str, float]], attributes: Mapping[str, Any]
+) -> xr.Dataset:
+    """Predicted values in the prediction form, in the order of the plan."""
+    order = sorted(values)
+    coordinates = {
+        name: ("point", np.array([getattr(points[i], name) for i in order], dtype=float)) for name in GEOMETRY
+    }
+    columns = {name: ("point", np.array([values[i][name] for i in order], dtype=float)) for name in PREDICTED}
+    return xr.Dataset(columns, coords=coordinates, attrs=dict(attributes))
+
+
+def write_comparison(comparison: Comparison, path: Path) -> None:
+    """Write ``comparison.json``; the old file stays until the new one is complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, comparison.to_json().encode())
