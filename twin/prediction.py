@@ -21,7 +21,7 @@ from instrument.lambertian import lambertian_flux
 from twin.artifact import Surface, build_mesh
 from twin.material import Material, read_material
 from twin.optics import COORDINATES, Setup, geometry_columns, lay_out, reference_change
-from twin.tracer import RANDOMISATIONS, Mixture, Tracer
+from twin.tracer import RANDOMISATIONS, Mixture, Tracer, mean_and_error
 
 #: Sight lines that typically give a relative error of 0.1 %, and at most, a geometry and randomisation.
 _TYPICAL, _LIMIT = 8192, 2**20
@@ -153,9 +153,8 @@ class Twin:
             for first, block, chosen in _passes(sums, done, standard_error):
                 trace(chosen, first, block)
         means = sums / np.maximum(done, 1)[:, None] * scale[:, None]
-        brf = means.mean(axis=1)
-        error = np.hypot(means.std(axis=1, ddof=1) / np.sqrt(RANDOMISATIONS), _SINGLE_PRECISION * brf)
-        return Estimate(brf, error, done * RANDOMISATIONS)
+        brf, spread = mean_and_error(means)
+        return Estimate(brf, np.hypot(spread, _SINGLE_PRECISION * brf), done * RANDOMISATIONS)
 
     def _scale(self, columns: dict[str, FloatArray], setup: Setup | None) -> FloatArray:
         """What turns radiances into reflectance factors, shape (point,)."""
@@ -184,7 +183,7 @@ def _passes(sums: FloatArray, done: NDArray[np.int64], target: float | None) -> 
     """
     assert target is not None
     while True:
-        mean, spread = sums.mean(axis=1), sums.std(axis=1, ddof=1) / np.sqrt(RANDOMISATIONS)
+        mean, spread = mean_and_error(sums)
         with np.errstate(divide="ignore", invalid="ignore"):
             excess = np.where(mean > 0, spread / mean / target, 0.0)
         open_points = (excess > 1) & (done < _LIMIT)

@@ -178,6 +178,23 @@ class Tracer:
         return np.array(total).reshape(-1, RANDOMISATIONS, streams).sum(axis=2)
 
 
+def mean_and_error(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean over the randomisations and its standard uncertainty, shape (point,) each.
+
+    Parameters
+    ----------
+    values, shape (point, RANDOMISATIONS)
+
+    Notes
+    -----
+    With so few randomisations their own scatter is uncertain: the mean follows Student's t, whose standard deviation
+    is sqrt((n - 1)/(n - 3)) times the usual standard error (GUM Supplement 1, 6.4.9).
+    """
+    count = values.shape[1]
+    spread = values.std(axis=1, ddof=1) / np.sqrt(count) * np.sqrt((count - 1) / (count - 3))
+    return values.mean(axis=1), spread
+
+
 def _streams(cells: int, samples: int) -> int:
     """Lanes a cell, a power of two: enough for packets of neighbours and to fill the machine."""
     streams = 1

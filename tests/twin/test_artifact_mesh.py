@@ -196,7 +196,9 @@ def test_a_mesh_in_metres_is_refused(tmp_path: Path) -> None:
 
 def test_a_mesh_whose_top_is_not_at_zero_is_refused(tmp_path: Path) -> None:
     mesh = square_pit(50.0, 10.0, 10.0)
-    path = write_mesh(tmp_path / "high.ply", SurfaceMesh([*mesh.vertices, 0, 0, 15.0], mesh.faces, mesh.labels))
+    path = write_mesh(
+        tmp_path / "high.ply", SurfaceMesh(mesh.vertices + np.array([0, 0, 15.0]), mesh.faces, mesh.labels)
+    )
     with pytest.raises(InputError, match=r"top of the mesh is at z = 15 mm"):
         read_mesh(path)
 

@@ -122,7 +122,7 @@ def test_flagged_readings_are_left_out() -> None:
     flagged = (run.illumination_zenith == 45) & (run.sensor_azimuth == 90) & (np.abs(run.sensor_zenith) == 20)
     run["quality_flag"] = ("point", np.where(flagged, 1, 0))
     run["brf"] = run.brf.where(~flagged, 5.0)
-    with pytest.raises(InputError, match="the table has 1 gaps.*sensor_zenith 20"):
+    with pytest.raises(InputError, match=r"the table has 1 gaps.*sensor_zenith 20"):
         from_coupon(run, "coupon.nc")
 
 

@@ -14,7 +14,7 @@ from twin.artifact import SurfaceMesh, build_mesh, square_pit
 from twin.material import Material, lambertian, read_material
 from twin.optics import Setup, lay_out
 from twin.prediction import Twin
-from twin.tracer import RANDOMISATIONS, Tracer
+from twin.tracer import Tracer, mean_and_error
 
 DESIGN_PHASE = facility("unbounded", shape="horizontal_disc")
 #: The references' light comes from a point 2 m away.
@@ -29,7 +29,7 @@ def trace(
     values = Tracer(mesh, material).radiance(layout, np.zeros(len(layout), int), samples, seed=20)
     lambert = np.pi * run.L_ref.values if "L_ref" in run else np.cos(np.deg2rad(run.theta_ill.values))
     values = values / lambert[:, None]
-    return values.mean(axis=1), values.std(axis=1, ddof=1) / np.sqrt(RANDOMISATIONS)
+    return mean_and_error(values)
 
 
 def assert_agree(value: np.ndarray, error: np.ndarray, run: xr.Dataset) -> None:
@@ -57,7 +57,7 @@ def test_artifact_with_the_quasi_diffuse_table() -> None:
 
 def test_lambertian_artifact_in_the_design_phase() -> None:
     run = reference_run("artifact_lamb05_ideal_hdisk.nc")
-    assert_agree(*trace(build_mesh(artifact()), lambertian(0.5), DESIGN_PHASE, run, 1024), run)
+    assert_agree(*trace(build_mesh(artifact()), lambertian(0.5), DESIGN_PHASE, run, 2048), run)
 
 
 def test_lambertian_reference_surface() -> None:
