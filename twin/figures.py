@@ -16,10 +16,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from instrument.angles import fold
 from twin.comparison import Comparison, Plane
 from twin.metrics import Category, categorise_t
 
@@ -136,15 +136,18 @@ def draw_overview(comparison: Comparison) -> Figure:
 
 
 def _draw_thumbnail(figure: Figure, plane: Plane, rows: xr.Dataset) -> None:
-    """The hemisphere seen from above: the measured plane as a line, the light as a disc."""
-    axis = figure.add_axes((0.885, 0.868, 0.1, 0.125), projection="polar")
-    zenith, azimuth = fold(rows["sensor_zenith"].values, rows["sensor_azimuth"].values)
-    order = np.argsort(rows["sensor_zenith"].values)
-    axis.plot(np.deg2rad(azimuth[order]), zenith[order], ".", ms=1.8, color=BLUE)
-    light_zenith, light_azimuth = fold(plane.illumination_zenith, plane.illumination_azimuth)
-    axis.plot(np.deg2rad(light_azimuth), light_zenith, "o", ms=5, color=ORANGE, mec=BLACK, mew=0.5)
-    axis.set(rlim=(0, 90), xticks=np.deg2rad([0, 90, 180, 270]), yticks=[45, 90], xticklabels=[], yticklabels=[])
-    axis.grid(lw=0.4, alpha=0.6)
+    """The hemisphere seen from above: the measured points and the light, rings at 45 and 90 degrees."""
+    axis = figure.add_axes((0.885, 0.868, 0.1, 0.125), aspect="equal")
+    for radius, colour in ((45, GREY), (90, BLACK)):
+        axis.add_patch(Circle((0, 0), radius, fill=False, lw=0.6, ec=colour))
+    azimuth_rad = np.deg2rad(rows["sensor_azimuth"].values)
+    zenith = rows["sensor_zenith"].values
+    axis.plot(zenith * np.cos(azimuth_rad), zenith * np.sin(azimuth_rad), ".", ms=1.8, color=BLUE)
+    light_rad = np.deg2rad(plane.illumination_azimuth)
+    light = plane.illumination_zenith * np.array([np.cos(light_rad), np.sin(light_rad)])
+    axis.plot(*light, "o", ms=5, color=ORANGE, mec=BLACK, mew=0.5)
+    axis.set(xlim=(-94, 94), ylim=(-94, 94))
+    axis.set_axis_off()
 
 
 def _draw_reflectance(axis: Axes, rows: xr.Dataset) -> None:

@@ -22,8 +22,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from instrument.errors import InputError
 from instrument.events import Geometry
 
@@ -95,8 +93,7 @@ class PredictionWorker:
     facility, artifact, material
         Files of the twin.
     seed
-        Every request's random numbers follow from this, its points and its accuracy: whatever crashes in
-        between, the same request has the same answer.
+        Of every request: whatever crashes in between, the same request has the same answer.
     threads
         Compute threads of the process; by default all cores, on machines with more than two all but one.
     niceness
@@ -171,7 +168,7 @@ class PredictionWorker:
             "id": next(self._numbers),
             "geometries": [geometry.model_dump() for geometry in geometries],
             "standard_error": standard_error,
-            "seed": _seed_of(self._seed, indices, standard_error),
+            "seed": self._seed,
         }
         request = _Request(tuple(indices), message)
         with self._lock:
@@ -352,8 +349,3 @@ def default_threads() -> int:
 
     cores = usable_cores()
     return cores - 1 if cores > 2 else cores
-
-
-def _seed_of(seed: int, indices: Sequence[int], standard_error: float) -> int:
-    entropy = [seed, round(standard_error * 1e9), *indices]
-    return int(np.random.SeedSequence(entropy).generate_state(1)[0])

@@ -90,16 +90,11 @@ def test_output_of_libraries_does_not_disturb_the_replies(worker_of, fake_files)
         assert worker.predict([index], [geometry(float(index))], 0.01).result(PATIENCE).indices == (index,)
 
 
-def test_the_same_request_has_the_same_seed_whatever_came_before(worker_of):
-    one, other = worker_of(seed=5), worker_of(seed=5)
-    other.predict([9], [geometry(9.0)], 0.01).result(PATIENCE)
-    seeds = [
-        w.predict([1, 2], [geometry(1.0), geometry(2.0)], 0.01).result(PATIENCE).attributes["seed"]
-        for w in (one, other)
-    ]
-    assert seeds[0] == seeds[1]
-    finer = one.predict([1, 2], [geometry(1.0), geometry(2.0)], 0.001).result(PATIENCE).attributes["seed"]
-    assert finer != seeds[0]
+def test_every_request_carries_the_seed_that_was_asked_for(worker_of, fake_files):
+    worker = worker_of(seed=5)
+    for index in range(2):
+        worker.predict([index], [geometry(float(index))], 0.01).result(PATIENCE)
+    assert [request["seed"] for request in fake_files.requests] == [5, 5]
 
 
 def test_a_crash_fails_its_request_and_the_next_one_succeeds(worker_of, fake_files):

@@ -1,0 +1,143 @@
+"""``goniotwin compare``: a measured run beside its prediction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def compare_command(
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="A run file (.nc, .csv) or run folder.", show_default=False)
+    ],
+    prediction: Annotated[
+        Path | None, typer.Argument(metavar="[PREDICTION]", help="A prediction made before.", show_default=False)
+    ] = None,
+    artifact: Annotated[Path | None, typer.Option(help="artifact.toml of the sample.", show_default=False)] = None,
+    material: Annotated[Path | None, typer.Option(help="Coupon run, or table of the BRDF.", show_default=False)] = None,
+    facility: Annotated[Path | None, typer.Option(help="facility.toml of the instrument.", show_default=False)] = None,
+    json: Annotated[
+        Path | None, typer.Option(help="Write the comparison here, for programs.", show_default=False)
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Draw one figure per plane into this folder.", show_default=False)
+    ] = None,
+    standard_error: Annotated[float, typer.Option(help="Relative Monte Carlo error to reach.")] = 0.001,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
+) -> None:
+    """Compare a measured run with a prediction, point by point and by azimuth plane.
+
+    The prediction is the file named PREDICTION, or it is computed from --artifact, --material and --facility; of a
+    run folder, what lies in it is used where nothing is named.
+    """
+    from instrument.errors import EXIT_BAD_INPUT, InputError
+
+    try:
+        _check_outputs(json, figures, standard_error)
+        inputs = {"artifact": artifact, "material": material, "facility": facility}
+        run_file, prediction, inputs = _resolve(run, prediction, inputs)
+        _compare(run_file, prediction, inputs, json, figures, standard_error, seed)
+    except InputError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(EXIT_BAD_INPUT) from None
+
+
+def _check_outputs(json: Path | None, figures: Path | None, standard_error: float) -> None:
+    """Before any work: what would fail only at its end."""
+    from instrument.errors import InputError
+
+    if not 1e-6 <= standard_error < 1:
+        raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
+    if json is not None and json.is_dir():
+        raise InputError(f"--json: {json}: is a folder; expected the name of a file")
+    if json is not None and not json.parent.is_dir():
+        raise InputError(f"--json: {json}: there is no folder {json.parent}")
+    if figures is not None and figures.exists() and not figures.is_dir():
+        raise InputError(f"--figures: {figures}: is a file; expected a folder")
+
+
+def _resolve(
+    run: Path, prediction: Path | None, inputs: dict[str, Path | None]
+) -> tuple[Path, Path | None, dict[str, Path | None]]:
+    """The run file, and where the prediction comes from: a file, or the three files of the twin.
+
+    Raises
+    ------
+    InputError
+        If it is not said where the prediction comes from, or said twice.
+    """
+    from instrument.errors import InputError
+
+    given = [f"--{name}" for name, path in inputs.items() if path is not None]
+    if prediction is not None and given:
+        raise InputError(f"found both a prediction file and {', '.join(given)}; expected one or the other")
+    folder = run if run.is_dir() else None
+    if folder is not None:
+        run = folder / "run.nc"
+        if prediction is None and not given and (folder / "prediction.nc").exists():
+            prediction = folder / "prediction.nc"
+    if prediction is not None:
+        return run, prediction, {}
+    if folder is not None:
+        inputs = {name: path or _kept(folder, name) for name, path in inputs.items()}
+    missing = [f"--{name}" for name, path in inputs.items() if path is None]
+    if missing:
+        raise InputError(f"{', '.join(missing)} missing; name a prediction file, or what the twin needs to make one")
+    return run, None, inputs
+
+
+def _kept(folder: Path, name: str) -> Path | None:
+    """The copy of an input that a scan left in its run folder."""
+    found = sorted(path for path in folder.glob(f"{name}.*") if path.suffix in (".toml", ".nc"))
+    return found[0] if found else None
+
+
+def _compare(
+    run_file: Path,
+    prediction_file: Path | None,
+    inputs: dict[str, Path | None],
+    json: Path | None,
+    figures: Path | None,
+    standard_error: float,
+    seed: int,
+) -> None:
+    from rich.console import Console
+
+    from instrument.dataset import read_prediction, read_run
+    from twin.comparison import compare
+    from twin.tables import comparison_tables
+
+    run = read_run(run_file)
+    if prediction_file is not None:
+        prediction = read_prediction(prediction_file)
+    else:
+        prediction = _predict(run, inputs, standard_error, seed)
+    comparison = compare(run, prediction)
+    console = Console()
+    for table in comparison_tables(comparison):
+        console.print(table)
+    if json is not None:
+        from twin.summary import write_comparison
+
+        write_comparison(comparison, json)
+        typer.echo(f"written: {json}")
+    if figures is not None:
+        from twin.figures import draw_planes
+
+        written = draw_planes(comparison, figures)
+        typer.echo(f"written: {len(written)} figures in {figures}")
+
+
+def _predict(run: xr.Dataset, inputs: dict[str, Path | None], standard_error: float, seed: int) -> xr.Dataset:
+    from twin.prediction import Twin
+
+    facility, artifact, material = (inputs[name] for name in ("facility", "artifact", "material"))
+    assert facility is not None
+    assert artifact is not None
+    assert material is not None
+    return Twin.from_files(facility, artifact, material, seed=seed).predict(run, standard_error=standard_error)
