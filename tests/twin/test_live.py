@@ -1,0 +1,270 @@
+"""The twin that follows a scan, with the real worker process around a twin whose answers are known."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from datetime import UTC, datetime
+from functools import partial
+
+import numpy as np
+import pytest
+import xarray as xr
+from fake_twin import expected_brf
+from rich.console import Console
+
+from instrument.dataset import read_prediction, write_run
+from instrument.events import Geometry, Message, PointAnnotated, PointMeasured, PointStarted, ScanEnded, ScanStarted
+from twin.live import LiveTwin
+from twin.schedule import Stage
+from twin.worker import PredictionWorker, RestartLimit, Timeouts
+
+NOW = datetime(2025, 3, 3, tzinfo=UTC)
+STAGES = (Stage(0.01, 6), Stage(0.001, 3))
+POINTS = tuple(
+    Geometry(wavelength=500, illumination_zenith=15, sensor_zenith=zenith, sensor_azimuth=azimuth)
+    for azimuth in (0.0, 105.0)
+    for zenith in (-60.0, -30.0, 0.0, 30.0, 60.0, 75.0)
+)
+
+
+class StagedScan:
+    """A bus of one listener and an engine that measures at the test's word."""
+
+    def __init__(self, files, tmp_path, **options) -> None:
+        self.files, self.run_dir = files, tmp_path / "run"
+        self.run_dir.mkdir()
+        self.heard: list = []
+        self.news = threading.Condition()
+        worker = partial(PredictionWorker, factory="fake_twin:FakeTwin.from_files", **options)
+        self.workers: list[PredictionWorker] = []
+
+        def made(*paths):
+            self.workers.append(worker(*paths))
+            return self.workers[-1]
+
+        self.twin = LiveTwin(self.publish, predictor=made, stages=STAGES)
+
+    def publish(self, event) -> None:
+        with self.news:
+            self.heard.append(event)
+            self.news.notify_all()
+
+    def start(self, **changes) -> None:
+        paths = {name: str(getattr(self.files, name)) for name in ("facility", "artifact", "material")}
+        event = ScanStarted(
+            time=NOW, run_dir=str(self.run_dir), title="test", points=POINTS, duration_s=100, **(paths | changes)
+        )
+        self.twin.on_event(event)
+
+    def measure(self, index: int) -> None:
+        self.twin.on_event(PointStarted(time=NOW, index=index, geometry=POINTS[index]))
+        self.twin.on_event(
+            PointMeasured(
+                time=NOW, index=index, geometry=POINTS[index], brf=0.4, u_brf=0.005, signal=(1.0,) * 9, dark=0.0,
+                gain=1e6, done=1, total=len(POINTS), time_left_s=1.0,
+            )
+        )  # fmt: skip
+
+    def end(self, measured, error: float = 0.01) -> list:
+        """Leave a run file that reads ``1 + error`` times the known truth, and let the twin sum up."""
+        names = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_zenith", "sensor_azimuth")
+        units = dict.fromkeys(names, "degree") | {"wavelength": "nm"}
+        chosen = [POINTS[i] for i in measured]
+        coords = {n: ("point", [float(getattr(g, n)) for g in chosen], {"units": units[n]}) for n in names}
+        brf = np.array([expected_brf(g) for g in chosen]) * (1 + error)
+        one = {"units": "1"}
+        run = xr.Dataset({"brf": ("point", brf, one), "u_brf": ("point", 0.01 * brf, one)}, coords=coords)
+        write_run(run, self.run_dir / "run.nc")
+        ended = ScanEnded(time=NOW, outcome="finished", done=len(chosen), total=len(POINTS), run_file=None)
+        self.twin.on_event(ended)
+        return self.twin.finish(self.run_dir)
+
+    def await_annotations(self, count: int, patience: float = 60.0) -> list[PointAnnotated]:
+        with self.news:
+            assert self.news.wait_for(lambda: len(self.annotations) >= count, patience), self.heard
+        return self.annotations
+
+    @property
+    def annotations(self) -> list[PointAnnotated]:
+        return [event for event in self.heard if isinstance(event, PointAnnotated)]
+
+    @property
+    def messages(self) -> list[Message]:
+        return [event for event in self.heard if isinstance(event, Message)]
+
+
+@pytest.fixture
+def scan_of(fake_files, tmp_path):
+    scans = []
+
+    def make(**options) -> StagedScan:
+        scans.append(StagedScan(fake_files, tmp_path, **options))
+        return scans[-1]
+
+    yield make
+    for scan in scans:
+        scan.twin.close()
+
+
+def check_results(scan: StagedScan, measured, error: float = 0.01) -> None:
+    prediction = read_prediction(scan.run_dir / "prediction.nc")
+    assert prediction["brf"].values.tolist() == [expected_brf(POINTS[i]) for i in measured]
+    assert prediction["u_brf_monte_carlo"].values == pytest.approx(0.001 * prediction["brf"].values)
+    found = json.loads((scan.run_dir / "comparison.json").read_text())
+    assert found["global"]["points"] == len(measured)
+    assert found["global"]["relative_rmse"] == pytest.approx(error / (1 + error))
+
+
+def test_every_point_is_predicted_coarse_then_fine_and_summed_up(scan_of):
+    scan = scan_of()
+    scan.start()
+    scan.await_annotations(2 * len(POINTS))
+    first, second = scan.annotations[: len(POINTS)], scan.annotations[len(POINTS) :]
+    for half, error in ((first, 0.01), (second, 0.001)):
+        assert sorted(a.index for a in half) == list(range(len(POINTS)))
+        for annotation in half:
+            brf = expected_brf(POINTS[annotation.index])
+            assert annotation.source == "twin"
+            assert annotation.values == {"brf": brf, "u_brf": error * brf, "u_brf_monte_carlo": error * brf}
+    for index in range(len(POINTS)):
+        scan.measure(index)
+    tables = scan.end(range(len(POINTS)))
+    check_results(scan, range(len(POINTS)))
+    assert len(list((scan.run_dir / "figures").glob("*.png"))) == 3  # two planes and the overview
+    console = Console(width=100, record=True, file=open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    with console.file:
+        console.print(*tables)
+    text = console.export_text()
+    assert "Beside the paper's Table VI" in text
+    assert "Monte Carlo error of the ray tracer alone" in text
+
+
+def test_the_bus_never_waits_for_the_worker(scan_of, fake_files):
+    fake_files.order(delay_s=5.0, slow_start_s=2.0)
+    scan = scan_of()
+    began = time.monotonic()
+    scan.start()
+    for index in range(len(POINTS)):
+        scan.measure(index)
+    assert time.monotonic() - began < 0.5
+
+
+def test_predictions_follow_the_scan(scan_of, fake_files):
+    fake_files.order(delay_s=0.3)
+    scan = scan_of()
+    scan.start(done=(0, 1, 2, 3, 4, 5))
+    scan.await_annotations(6)
+    assert sorted(a.index for a in scan.annotations[:6]) == [6, 7, 8, 9, 10, 11]
+
+
+def test_a_worker_killed_in_mid_scan_costs_nothing_but_time(scan_of, fake_files):
+    fake_files.order(delay_s=0.15)
+    scan = scan_of()
+    scan.start()
+    for index, kill in enumerate((True, False, False, True, False, False)):
+        scan.await_annotations(3 * (index + 1))
+        scan.measure(index)
+        while kill and (pid := scan.workers[0].pid) is None:
+            time.sleep(0.01)
+        if kill:
+            os.kill(pid, signal.SIGKILL)
+    for index in range(6, len(POINTS)):
+        scan.measure(index)
+    assert scan.end(range(len(POINTS)))
+    check_results(scan, range(len(POINTS)))
+    lost = [m for m in scan.messages if m.level == "warning"]
+    assert len(lost) == 2
+    assert all("signal 9" in m.text and "the scan is not affected" in m.advice for m in lost)
+
+
+def test_a_point_that_always_crashes_is_left_out_and_the_rest_is_kept(scan_of, fake_files):
+    fake_files.order(die_at=75.0)
+    scan = scan_of(restarts=RestartLimit(starts=50, window_s=1.0))
+    scan.start()
+    measured = list(range(len(POINTS)))
+    for index in measured:
+        scan.measure(index)
+    scan.end(measured)
+    check_results(scan, [i for i in measured if POINTS[i].sensor_zenith != 75.0])
+    assert any("2 points could not be predicted" in m.text for m in scan.messages)
+
+
+def test_a_process_that_never_lives_ends_in_a_report_and_not_in_a_wait(scan_of, fake_files):
+    fake_files.order(slow_start_s=100.0)
+    scan = scan_of(restarts=RestartLimit(starts=50, window_s=1.0), timeouts=Timeouts(start_s=0.3))
+    scan.start()
+    scan.measure(0)
+    assert scan.end([0]) == []
+    assert any(m.text.startswith("no comparison: none of the 1 measured points") for m in scan.messages)
+    assert not (scan.run_dir / "comparison.json").exists()
+
+
+def test_too_many_crashes_pause_the_twin_which_goes_on_by_itself(scan_of, fake_files):
+    fake_files.order(die_at=-60.0, die_times=2)
+    scan = scan_of(restarts=RestartLimit(starts=2, window_s=4.0))
+    scan.start()
+    scan.await_annotations(2 * len(POINTS))
+    assert any("the twin pauses" in m.text for m in scan.messages)
+
+
+def test_wrong_files_are_said_once_and_the_scan_goes_on(scan_of, fake_files):
+    fake_files.order(broken="material.nc: brf missing")
+    scan = scan_of()
+    scan.start()
+    for index in range(len(POINTS)):
+        scan.measure(index)
+    assert scan.end(range(len(POINTS))) == []
+    errors = [m.text for m in scan.messages if m.level == "error"]
+    assert errors == ["the twin cannot predict: material.nc: brf missing"]
+
+
+def test_without_a_material_there_is_nothing_to_do_and_it_says_so(scan_of):
+    scan = scan_of()
+    scan.start(material=None)
+    scan.measure(0)
+    assert scan.end([0]) == []
+    assert [m.text for m in scan.messages] == ["the twin predicts nothing: the scan names no material"]
+    assert scan.workers == []
+
+
+def test_only_what_was_measured_is_completed_after_an_abort(scan_of, fake_files):
+    fake_files.order(delay_s=0.2)
+    scan = scan_of()
+    scan.start()
+    scan.measure(0)
+    scan.measure(1)
+    scan.end([0, 1])
+    check_results(scan, [0, 1])
+    fine = [z for request in fake_files.requests if request["standard_error"] == 0.001 for z in request["zeniths"]]
+    assert set(fine) == {POINTS[0].sensor_zenith, POINTS[1].sensor_zenith}
+
+
+def test_an_aborted_scan_without_a_run_file_is_no_error(scan_of):
+    scan = scan_of()
+    scan.start()
+    assert scan.twin.finish(scan.run_dir) == []
+    assert any("no comparison" in m.text and "no such file" in m.text for m in scan.messages)
+
+
+def test_closing_in_the_middle_ends_the_process_at_once(scan_of, fake_files):
+    fake_files.order(hang_at=-60.0)
+    scan = scan_of()
+    scan.start()
+    while not fake_files.requests:
+        time.sleep(0.01)
+    began = time.monotonic()
+    scan.twin.close()
+    assert time.monotonic() - began < 5
+    assert scan.workers[0].pid is None
+    assert scan.messages == []
+
+
+def test_its_events_are_stamped_with_laboratory_time(scan_of):
+    scan = scan_of()
+    scan.start(clock_speed=1000.0)
+    annotation = scan.await_annotations(1)[0]
+    assert (annotation.time - NOW).total_seconds() > 100  # at least a tenth of a second passed to start the process
