@@ -8,12 +8,15 @@ import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
+import numpy as np
 import pytest
 from fake_twin import expected_brf
 
 from instrument.errors import InputError
 from instrument.events import Geometry
+from twin.prediction import Twin
 from twin.worker import (
     PredictionWorker,
     RestartLimit,
@@ -26,6 +29,8 @@ from twin.worker import (
 
 FACTORY = "fake_twin:FakeTwin.from_files"
 PATIENCE = 60.0
+CASES = Path(__file__).parents[2].parent / "shared" / "cases"
+needs_cases = pytest.mark.skipif(not CASES.exists(), reason=f"example cases not found in {CASES}")
 
 
 def geometry(zenith: float, azimuth: float = 0.0) -> Geometry:
@@ -199,6 +204,25 @@ def test_closing_ends_the_process_at_once_and_fails_what_is_waiting(worker_of, f
             future.result(PATIENCE)
     with pytest.raises(WorkerError, match="closed"):
         worker.predict([3], [geometry(1.0)], 0.01)
+
+
+@pytest.mark.slow
+@needs_cases
+def test_the_real_twin_gives_the_same_values_in_the_worker_as_here():
+    common = CASES / "common"
+    files = (common / "facility.toml", common / "artifact.toml", common / "material.nc")
+    points = [geometry(zenith, azimuth) for zenith in (-60.0, 20.0) for azimuth in (0.0, 90.0)]
+    with PredictionWorker(*files, seed=3) as worker:
+        remote = worker.predict(range(4), points, 0.01).result(120)
+        os.kill(worker.pid, signal.SIGKILL)
+        while worker.pid is not None:
+            time.sleep(0.01)
+        again = worker.predict(range(4), points, 0.01).result(120)
+    local = Twin.from_files(*files, seed=3).predict(points, standard_error=0.01)
+    assert again == remote
+    assert remote.brf == pytest.approx(local["brf"].values, rel=1e-6)
+    assert remote.u_brf_monte_carlo == pytest.approx(local["u_brf_monte_carlo"].values, rel=1e-3)
+    assert max(np.divide(remote.u_brf_monte_carlo, remote.brf)) <= 0.01
 
 
 def test_indices_and_geometries_must_be_as_many(worker_of):
