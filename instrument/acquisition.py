@@ -14,16 +14,23 @@ from drivers.clock import Clock
 from drivers.errors import DeviceFault
 from drivers.interfaces import Amplifier, Detector, Reading, Shutter
 from instrument.control import Controls, ask, ensure
+from instrument.run_schema import OVERLOAD, REPEATED, SATURATED
 from instrument.settings import AcquisitionSettings
 
-#: CF quality flags (data contract, section Run file).
-SATURATED, OVERLOAD, SHADOWED, REPEATED = 1, 2, 4, 8
 #: Voltmeters report an overload as 9.9e37.
 _NO_NUMBER = 1e30
 
 
-class Overloaded(DeviceFault):
+class NoReading(DeviceFault):
+    """The detector works, and yet what it says is no measurement of this geometry."""
+
+
+class Overloaded(NoReading):
     """There is more light than the lowest gain can take."""
+
+
+class NoLight(NoReading):
+    """With the shutter open the detector reads no more than with it closed."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +107,8 @@ class Acquisition:
         ------
         Overloaded
             If no gain gives a number.
+        NoLight
+            If the open shutter makes no difference.
         CommunicationError
             If a device does not answer.
         """
@@ -116,7 +125,16 @@ class Acquisition:
         if dark.overload or not _numbers(dark):
             raise DeviceFault("detector", "overload with the shutter closed", "look for stray light or a broken cable")
         self._last_duration = self._clock.monotonic() - began
-        return Burst(reading.samples, sum(dark.samples) / len(dark.samples), gain, self._flags(reading))
+        burst = Burst(reading.samples, sum(dark.samples) / len(dark.samples), gain, self._flags(reading))
+        if burst.current <= 0:
+            # Every uncertainty is relative to the reading: such a point could not even be marked as uncertain.
+            light = sum(burst.samples) / len(burst.samples)
+            raise NoLight(
+                "detector",
+                f"no light: {light:.6g} V with the shutter open, {burst.dark:.6g} V with it closed",
+                "look at shutter, beam path, sample and the detector's cable",
+            )
+        return burst
 
     def _in_range(self, samples: int) -> tuple[Reading, float]:
         """A burst at the gain that suits the light."""

@@ -31,16 +31,24 @@ class Attendance:
         LightLost
             If nobody dealt with the light in time.
         """
+        lost: LightLost | None = None
         while True:
             try:
+                if lost is not None:
+                    self._suspend(lost, state)
+                    lost = None
                 if (reason := self._controls.pause_reason) is not None:
                     raise PauseNow(reason)
                 work()
                 return
             except PauseNow as request:
-                self._pause(request.reason, state)
+                # Light that is lost stays lost: the rest that was asked for is that of the suspension.
+                if lost is None:
+                    self._pause(request.reason, state)
             except LightLost as cause:
-                self._suspend(cause, state)
+                if cause is lost:
+                    raise  # nobody came
+                lost = cause
 
     def light_up(self) -> None:
         """Switch the source on and let it warm up."""
@@ -56,18 +64,13 @@ class Attendance:
 
     def _suspend(self, cause: LightLost, state: State) -> None:
         """Wait for a person to deal with the light; it is never switched on again without one."""
-        while True:
-            self._station.rest()
-            self._station.light.off()
-            self._report.to(State.SUSPENDED, cause.problem)
-            self._report.tell("error", str(cause), "the scan waits: deal with the cause and resume it, or abort it")
-            self._controls.pause(now=False, reason=cause.problem)
-            if not self._controls.rest(self._settings.suspend_limit):
-                raise cause
-            try:
-                self.light_up()
-            except LightLost as again:
-                cause = again
-            else:
-                self._report.to(state, "resumed")
-                return
+        self._station.rest()
+        self._station.light.off()
+        # Before anybody hears of it, so that no resume can come too early to count.
+        self._controls.pause(now=False, reason=cause.problem)
+        self._report.to(State.SUSPENDED, cause.problem)
+        self._report.tell("error", str(cause), "the scan waits: deal with the cause and resume it, or abort it")
+        if not self._controls.rest(self._settings.suspend_limit):
+            raise cause
+        self.light_up()
+        self._report.to(state, "resumed")

@@ -10,6 +10,7 @@ beam and sensor.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,14 @@ from instrument.angles import FloatArray
 from instrument.facility import Facility
 from instrument.lambertian import lambertian_flux
 
-__all__ = ["Calibrated", "Photocurrent", "brf_from_readings", "lambertian_flux", "photocurrent"]
+__all__ = [
+    "Calibrated",
+    "Photocurrent",
+    "brf_from_readings",
+    "calibration_numbers",
+    "lambertian_flux",
+    "photocurrent",
+]
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,24 @@ class Calibrated:
     brf: FloatArray
     standard_error: FloatArray
     flux: FloatArray
+
+
+def calibration_numbers(indices: Iterable[int]) -> list[int]:
+    """Which calibration each reference reading belongs to: a new one starts where an index comes again.
+
+    Parameters
+    ----------
+    indices
+        Index of every reading (:meth:`instrument.job.ScanJob.references`) in the order in which they were taken.
+    """
+    numbers: list[int] = []
+    number, seen = 0, set[int]()
+    for index in indices:
+        if index in seen:
+            number, seen = number + 1, set()
+        seen.add(index)
+        numbers.append(number)
+    return numbers
 
 
 def photocurrent(signal: ArrayLike, dark: ArrayLike, gain: ArrayLike) -> Photocurrent:

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Literal
 
 from drivers.errors import CommandRefused, CommunicationError, DeviceError, DeviceFault
-from instrument.acquisition import REPEATED, Overloaded
+from drivers.interfaces import Laboratory
+from instrument.acquisition import NoReading, Overloaded
 from instrument.attendance import Attendance
 from instrument.bus import EventBus
 from instrument.control import AbortAsked, Controls, HaltAsked
@@ -33,9 +34,10 @@ from instrument.mounting import change_sample
 from instrument.operators import Mounted
 from instrument.progress import Progress
 from instrument.reporter import Reporter
+from instrument.run_schema import REPEATED
 from instrument.safety import CheckedPlan, Pose, check_plan
 from instrument.states import State
-from instrument.station import Station
+from instrument.station import Station, each
 
 log = logging.getLogger(__name__)
 S = State
@@ -70,6 +72,7 @@ class ScanEngine:
         self._progress = Progress(len(job.plan), job.previous.points if job.previous else ())
         self._begun: set[int] = set()
         self._failures = 0
+        self._laboratory: Laboratory | None = None
         self._station: Station | None = None
         self._ended = threading.Event()
         self._end: ScanEnded | None = None
@@ -128,13 +131,14 @@ class ScanEngine:
 
     def _scan(self) -> None:
         for record in self._job.previous.references if self._job.previous else ():
-            self._evaluator.add_reference(Geometry.model_validate(record["geometry"]), record)
+            self._evaluator.add_reference(record["index"], Geometry.model_validate(record["geometry"]), record)
         if not self._progress.missing():
             self._announce_start(0.0)
             return
         self._report.to(S.CONNECTING)
+        self._laboratory = self._job.connect()
         station = self._station = Station(
-            self._job.connect(),
+            self._laboratory,
             self._job.facility.arms,
             self._job.clock,
             self._controls,
@@ -216,7 +220,7 @@ class ScanEngine:
         if burst.quality_flag & ~REPEATED:
             raise Overloaded("detector", "saturated by the reference at its lowest gain", "reduce the source's power")
         self._report.record("reference", index=index, geometry=geometry, **record)
-        self._evaluator.add_reference(geometry, record)
+        self._evaluator.add_reference(index, geometry, record)
         self._report.publish(
             ReferenceMeasured(
                 time=self._report.now(),
@@ -235,7 +239,7 @@ class ScanEngine:
             if not error.at_rest:
                 raise
             self._skip(station, index, error)
-        except (CommunicationError, CommandRefused, Overloaded) as error:
+        except (CommunicationError, CommandRefused, NoReading) as error:
             self._skip(station, index, error)
         else:
             self._failures = 0
@@ -321,13 +325,14 @@ class ScanEngine:
             self._report.tell("error", f"the run file could not be made: {error}", "the journal holds every reading")
             return None
 
-    def _make_safe(self) -> list[DeviceError]:
-        if self._station is None:
-            return []
-        problems = self._station.make_safe()
+    def _make_safe(self) -> list[Exception]:
+        problems: list[Exception] = []
+        if self._station is not None:
+            problems += self._station.make_safe()
+        if self._laboratory is not None:
+            problems += each(device.close for device in self._laboratory.devices().values())
         for problem in problems:
             self._report.tell("error", f"not brought into its safe state: {problem}", "look at the instrument")
-        self._station.laboratory.close()
         return problems
 
     def _announce_start(self, duration: float) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, CommunicationError, DeviceError, DeviceFault
@@ -132,15 +133,13 @@ class Mover:
             start = position
         raise AssertionError("unreachable")
 
-    def stop_all(self) -> list[DeviceError]:
-        """Stop every arm, whatever happens; returns what went wrong."""
-        problems = []
-        for axis in self._axes.values():
-            try:
-                ask(axis.stop)
-            except DeviceError as error:
-                problems.append(error)
-        return problems
+    def stops(self) -> list[Callable[[], object]]:
+        """What stops each arm; all are told before the first is waited for."""
+        return [partial(ask, axis.stop) for axis in self._axes.values()]
+
+    def rests(self) -> list[Callable[[], object]]:
+        """What makes sure, after a stop, that each arm stands still: some drives do not acknowledge a stop."""
+        return [partial(self._await_rest, axis) for axis in self._axes.values()]
 
     def _attempt(self, axis: Axis, start: float, target: float) -> _Trouble | None:
         return self._guarded(axis, lambda: axis.start_move(target), lambda: self._await_arrival(axis, start, target))
@@ -222,10 +221,16 @@ class Mover:
 
     def _await_rest(self, axis: Axis) -> float:
         settings = self._settings
-        end = self._clock.monotonic() + settings.stop_deadline + settings.wire_wall * self._clock.speed
+        wire = settings.wire_wall * self._clock.speed
+        now = self._clock.monotonic()
+        end, again = now + settings.stop_deadline + wire, now + settings.stop_again + 0.25 * wire
         before: float | None = None
-        while self._clock.monotonic() <= end:
+        while (now := self._clock.monotonic()) <= end:
             moving = ask(axis.status).moving
+            if moving and now > again:
+                # A stop may be given again, unlike a move; the first one may have been lost without a trace.
+                ask(axis.stop)
+                again = now + settings.stop_again + 0.25 * wire
             position = ask(axis.position)
             if not moving and before is not None and abs(position - before) <= 0.1 * axis.tolerance:
                 return position

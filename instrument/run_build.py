@@ -12,7 +12,7 @@ import xarray as xr
 
 from instrument.angles import FloatArray
 from instrument.budget import combined, point_budget
-from instrument.calibration import Photocurrent, brf_from_readings, photocurrent
+from instrument.calibration import Photocurrent, brf_from_readings, calibration_numbers, photocurrent
 from instrument.errors import InputError
 from instrument.facility import Facility
 from instrument.forms import parse_form, parse_toml
@@ -64,7 +64,7 @@ def build_run(
         raise InputError("no reference reading; without one no reflectance factor can be computed")
     columns = _points(rows) | _references(references)
     dataset = xr.Dataset(columns)
-    sets = _reference_sets(references)
+    sets = np.array(calibration_numbers(record["index"] for record in references))
     dataset["reference_set"] = ("reference", sets, {"long_name": "which calibration a reference reading belongs to"})
     used = _used_sets(rows, references, sets)
     dataset["point_reference_set"] = ("point", used, {"long_name": "calibration that the point is scaled with"})
@@ -160,18 +160,6 @@ def _references(rows: Sequence[Record]) -> dict[str, Any]:
         "reference_dark": ("reference", _column(rows, "dark")),
         "reference_time": ("reference", _times(rows)),
     }
-
-
-def _reference_sets(references: Sequence[Record]) -> np.ndarray:
-    """Number of the calibration each reading belongs to: a new one starts where an index comes again."""
-    sets: list[int] = []
-    number, seen = 0, set[int]()
-    for record in references:
-        if record["index"] in seen:
-            number, seen = number + 1, set()
-        seen.add(record["index"])
-        sets.append(number)
-    return np.array(sets)
 
 
 def _used_sets(rows: Sequence[Record], references: Sequence[Record], sets: np.ndarray) -> np.ndarray:

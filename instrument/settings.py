@@ -26,6 +26,7 @@ class MotionSettings(Form):
     wire_wall: Seconds = 2.0  # for exchanges with the device, added to every deadline
     homing_deadline: Seconds = 180.0
     stop_deadline: Seconds = 10.0
+    stop_again: Seconds = 2.0  # still moving so long after a stop: it is told to stop again
 
 
 class AcquisitionSettings(Form):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from drivers.clock import Clock
-from drivers.errors import DeviceError
 from drivers.interfaces import Laboratory
 from instrument.acquisition import Acquisition, Burst
 from instrument.control import Controls
@@ -17,6 +17,8 @@ from instrument.light import Light
 from instrument.motion import Mover
 from instrument.safety import Envelope, Pose
 from instrument.settings import ScanSettings
+
+log = logging.getLogger(__name__)
 
 
 class Station:
@@ -123,22 +125,29 @@ class Station:
         DeviceError
             If that cannot be known.
         """
-        problems = self.mover.stop_all()
+        problems = each(self.mover.stops())
         self.acquisition.shut()
+        problems += each(self.mover.rests())
         if problems:
             raise problems[0]
 
-    def make_safe(self) -> list[DeviceError]:
-        """Arms stopped, shutter closed, emission off, device by device whatever fails; returns what went wrong."""
-        problems = self.mover.stop_all()
-        for action in (self.acquisition.shut, self.light.off):
-            try:
-                action()
-            except DeviceError as error:
-                problems.append(error)
-        for device in self.laboratory.devices().values():
-            try:
-                device.make_safe()
-            except DeviceError as error:
-                problems.append(error)
-        return problems
+    def make_safe(self) -> list[Exception]:
+        """Emission off, shutter closed, arms stopped and at rest, whatever fails; returns what went wrong.
+
+        Light first: whatever interrupted a move has stopped its arm already, and a mute arm takes long to give up.
+        """
+        problems = each([self.light.off, self.acquisition.shut, *self.mover.stops()])
+        problems += each(device.make_safe for device in self.laboratory.devices().values())
+        return problems + each(self.mover.rests())
+
+
+def each(actions: Iterable[Callable[[], object]]) -> list[Exception]:
+    """Do every action; returns what was raised. A step towards safety never keeps the next one from being taken."""
+    problems: list[Exception] = []
+    for action in actions:
+        try:
+            action()
+        except Exception as error:
+            log.debug("a step towards the safe state failed", exc_info=True)
+            problems.append(error)
+    return problems

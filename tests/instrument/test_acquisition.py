@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CommunicationError, DeviceFault
-from instrument.acquisition import OVERLOAD, REPEATED, SATURATED, Acquisition, Burst, Overloaded
+from instrument.acquisition import Acquisition, Burst, NoLight, Overloaded
 from instrument.control import Controls
 from instrument.settings import AcquisitionSettings
 
