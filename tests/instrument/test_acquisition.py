@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from drivers.errors import CommunicationError, DeviceFault
 from instrument.acquisition import Acquisition, Burst, NoLight, Overloaded
 from instrument.control import Controls
+from instrument.run_schema import OVERLOAD, REPEATED, SATURATED
 from instrument.settings import AcquisitionSettings
 
 
@@ -137,3 +138,12 @@ def test_the_standard_error_is_that_of_the_mean() -> None:
     assert burst.current == pytest.approx(0.5e-6)
     assert burst.relative_standard_error == pytest.approx(scatter / 0.5)
     assert math.isnan(Burst((1.0,), 0.0, 1e6, 0).relative_standard_error)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.002])
+def test_an_open_shutter_that_makes_no_difference_is_no_reading(offset: float) -> None:
+    meter = Meter(0.0)
+    meter.bench.detector.noise, meter.bench.detector.offset = 0.0, offset
+    with pytest.raises(NoLight, match="with the shutter open"):
+        meter.acquisition.measure(9)
+    assert not meter.bench.shutter.opened
