@@ -80,7 +80,7 @@ def read_devices(path: Path) -> DevicesForm:
     """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, IsADirectoryError, PermissionError) as error:
+    except OSError as error:
         raise ConfigurationError(f"{path}: {error.strerror}; expected a TOML file") from None
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None

@@ -81,7 +81,7 @@ class Reference(Form):
 
     illumination_zenith: float = 0.0
     sensor_zenith: float = 15.0
-    sensor_azimuth: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
+    sensor_azimuth: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0, 45.0, 90.0, 135.0)
     reflectance_factor: Positive
     u_relative: Relative
 
@@ -113,6 +113,18 @@ class Facility(Form):
     sample: SamplePlacement
     reference: Reference
     budget: Budget
+
+
+#: Stands in where no facility is named: arms of full travel, the paper's cone and reference geometry.
+UNKNOWN_FACILITY = Facility(
+    name="",
+    beam=Beam(diameter="unbounded", profile="tophat"),
+    sensor=Sensor(target_diameter=10.8),
+    arms=Arms(),
+    sample=SamplePlacement(),
+    reference=Reference(reflectance_factor=1.0, u_relative=0.0),
+    budget=Budget(),
+)
 
 
 def read_facility(path: Path) -> Facility:

@@ -12,7 +12,7 @@ from instrument.events import Geometry
 from instrument.facility import Facility
 from instrument.journal import Journal, JournalContent
 from instrument.operators import Operator
-from instrument.plan import Plan
+from instrument.plan import Plan, reference_geometries
 from instrument.settings import ScanSettings
 
 
@@ -55,19 +55,7 @@ class ScanJob:
 
     def references(self) -> list[tuple[int, Geometry]]:
         """Every reading of the reference that this plan needs: each azimuth at each wavelength, numbered."""
-        known = self.facility.reference
-        wavelengths = dict.fromkeys(point.wavelength for point in self.plan.points)
-        geometries = [
-            Geometry(
-                wavelength=wavelength,
-                illumination_zenith=known.illumination_zenith,
-                sensor_zenith=known.sensor_zenith,
-                sensor_azimuth=azimuth,
-            )
-            for wavelength in wavelengths
-            for azimuth in known.sensor_azimuth
-        ]
-        return list(enumerate(geometries))
+        return list(enumerate(reference_geometries(self.plan, self.facility)))
 
     def missing_references(self) -> list[tuple[int, Geometry]]:
         """Those not in the journal yet."""

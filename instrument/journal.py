@@ -7,6 +7,7 @@ line shows. The form is documented in ``docs/journal.md``.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
@@ -75,6 +76,13 @@ class JournalContent:
         """Digest of the complete lines."""
         return self.chains[-1]
 
+    @property
+    def latest(self) -> datetime:
+        """Laboratory time (UTC) of the last thing that was recorded with one."""
+        records = (self.header, *self.references, *self.points.values(), *self.skipped.values(), *self.others)
+        stamps = (record.get("time", record.get("created")) for record in records)
+        return max(datetime.fromisoformat(stamp) for stamp in stamps if isinstance(stamp, str))
+
 
 @dataclass
 class _Contents:
@@ -108,7 +116,7 @@ class _Contents:
 class Journal:
     """Writes the journal of one run. Made by :meth:`create` or :meth:`reopen`; a context manager that closes it.
 
-    One program writes at a time: the lock of the run folder is the engine's affair.
+    One program writes at a time: the file is locked while it is open.
     """
 
     def __init__(self, path: Path, descriptor: int, length: int, chain: str, contents: _Contents) -> None:
@@ -137,6 +145,9 @@ class Journal:
             raise InputError(f"{path}: a run was recorded here already; resume it or choose another folder") from None
         except FileNotFoundError:
             raise InputError(f"{run_dir}: no such folder") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be made: {error.strerror}") from None
+        _hold(descriptor, path)
         journal = cls(path, descriptor, 0, chain, _Contents())
         journal._append(line)
         sync_folder(run_dir)
@@ -149,14 +160,22 @@ class Journal:
         Raises
         ------
         InputError
-            As :func:`read_journal`.
+            As :func:`read_journal`; if another program is writing this journal.
         """
         path = run_dir / JOURNAL_NAME
-        content = read_journal(path)
+        try:
+            descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}; expected the journal of a run") from None
+        _hold(descriptor, path)
+        try:
+            content = read_journal(path)
+        except BaseException:
+            os.close(descriptor)
+            raise
         contents = _Contents(
             list(content.references), dict(content.points), dict(content.skipped), list(content.others)
         )
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
         journal = cls(path, descriptor, content.length, content.digest, contents)
         if content.torn is not None:
             os.ftruncate(descriptor, content.length)
@@ -223,10 +242,28 @@ class Journal:
             while view:
                 view = view[os.write(self._descriptor, view) :]
             os.fsync(self._descriptor)
-        except OSError:
-            os.ftruncate(self._descriptor, self._length)
+        except BaseException:
+            self._take_back()
             raise
         self._length += len(line)
+
+    def _take_back(self) -> None:
+        """Remove what was written of a line; where not even that works, nothing may ever follow it."""
+        assert self._descriptor is not None
+        try:
+            os.ftruncate(self._descriptor, self._length)
+        except OSError:
+            self.close()  # a torn line at the end is tolerated, one in the middle is not
+            raise
+
+
+def _hold(descriptor: int, path: Path) -> None:
+    """Keep other programs from writing the same journal; the kernel lets go when the file is closed."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise InputError(f"{path}: another program is writing this run; end that one first") from None
 
 
 def read_journal(path: Path) -> JournalContent:
@@ -244,8 +281,10 @@ def read_journal(path: Path) -> JournalContent:
         path = path / JOURNAL_NAME
     try:
         data = path.read_bytes()
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: no such file; expected the journal of a run") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     lines = data.split(b"\n")
     complete, tail = lines[:-1], lines[-1]
     if not complete:
@@ -279,7 +318,7 @@ def _read_header(path: Path, line: bytes) -> dict[str, Any]:
         header = json.loads(line)
     except ValueError:
         raise foreign from None
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
+    if not isinstance(header, dict) or (header.get("kind"), header.get("format")) != ("header", FORMAT):
         raise foreign
     if header.get("version") != VERSION:
         raise InputError(f"{path}: journal version {header.get('version')!r}; this program reads version {VERSION}")

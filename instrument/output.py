@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -23,3 +24,19 @@ def write_json(path: Path, content: Any) -> None:
         write_atomically(path, text.encode())
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def check_writable(path: Path) -> None:
+    """Find out before hours of work whether their result can be written.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; expected the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: cannot be written: the folder is read-only")

@@ -7,6 +7,7 @@ Angles in degree, wavelengths in nm (data contract, section Angles and frames).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,7 @@ __all__ = [
     "is_shadowed",
     "make_plan",
     "read_plan",
+    "reference_geometries",
     "retroreflection_angle",
 ]
 
@@ -40,6 +42,8 @@ __all__ = [
 SHADOW_SLACK = 1e-6
 #: Wavelengths that any instrument of this kind can be asked for, nm.
 WAVELENGTH_RANGE = (200.0, 3000.0)
+#: More than an instrument of this kind measures in a year.
+MOST_POINTS = 1_000_000
 #: Angles are kept to this many decimals, so that ``start + 3 * step`` reads as it was meant.
 _DECIMALS = 9
 
@@ -157,6 +161,9 @@ def make_plan(form: PlanForm, facility: Facility, source: str) -> Plan:
         where = f"{source}: grid {number}"
         values = _values(where, grid)
         _check_values(where, grid, values, facility.arms, guess=form.angle_unit is None)
+        wanted = len(points) + math.prod(map(len, values.values()))
+        if wanted > MOST_POINTS:
+            raise InputError(f"{where}: {wanted} points up to here; expected at most {MOST_POINTS} (a step too small?)")
         for sweep in _sweeps(grid, values):
             reverse = form.direction == "serpentine" and sweeps % 2 == 1
             points.extend(reversed(sweep) if reverse else sweep)
@@ -252,6 +259,21 @@ def _check_duplicates(source: str, points: list[Geometry]) -> None:
         if point in seen:
             raise InputError(f"{source}: a point stands twice in the plan: {describe(point)}")
         seen.add(point)
+
+
+def reference_geometries(plan: Plan, facility: Facility) -> list[Geometry]:
+    """Every reading of the reference that a plan needs: each azimuth of the facility at each wavelength."""
+    known = facility.reference
+    return [
+        Geometry(
+            wavelength=wavelength,
+            illumination_zenith=known.illumination_zenith,
+            sensor_zenith=known.sensor_zenith,
+            sensor_azimuth=azimuth,
+        )
+        for wavelength in dict.fromkeys(point.wavelength for point in plan.points)
+        for azimuth in known.sensor_azimuth
+    ]
 
 
 def describe(point: Geometry) -> str:

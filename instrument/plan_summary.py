@@ -14,20 +14,9 @@ from drivers.interfaces import AxisLimits
 from instrument.durations import AXES
 from instrument.errors import InputError, SafetyError
 from instrument.events import Geometry
-from instrument.facility import Arms, Beam, Budget, Facility, Reference, SamplePlacement, Sensor, read_facility
-from instrument.plan import Plan, describe, read_plan
+from instrument.facility import UNKNOWN_FACILITY, read_facility
+from instrument.plan import Plan, describe, read_plan, reference_geometries
 from instrument.safety import Envelope, Pose, check_plan
-
-#: Stands in where no facility is named: arms of full travel, the paper's cone and reference geometry.
-_NOBODYS_FACILITY = Facility(
-    name="",
-    beam=Beam(diameter="unbounded", profile="tophat"),
-    sensor=Sensor(target_diameter=10.8),
-    arms=Arms(),
-    sample=SamplePlacement(),
-    reference=Reference(reflectance_factor=1.0, u_relative=0.0),
-    budget=Budget(),
-)
 
 
 def summarise(
@@ -52,11 +41,11 @@ def summarise(
     InputError
         If a file is wrong, or the arms cannot reach a point.
     """
-    facility = read_facility(facility_file) if facility_file is not None else _NOBODYS_FACILITY
+    facility = read_facility(facility_file) if facility_file is not None else UNKNOWN_FACILITY
     plan = read_plan(plan_file, facility)
     travel = {axis: getattr(facility.arms, axis) for axis in AXES}
     limits = {axis: AxisLimits(low, high, velocity, acceleration) for axis, (low, high) in travel.items()}
-    reference = _reference_geometries(plan, facility)
+    reference = reference_geometries(plan, facility)
     try:
         ways = check_plan(
             [("reference", geometry) for geometry in reference]
@@ -64,7 +53,7 @@ def summarise(
             Pose.of(reference[0]),
             Envelope.of(facility.arms, limits),
         )
-    except SafetyError as error:
+    except (InputError, SafetyError) as error:
         raise InputError(f"{plan.source}: {error}") from None
     return plan, {
         "title": plan.title,
@@ -108,20 +97,6 @@ def spoken(seconds: float) -> str:
     whole = round(seconds)
     hours, minutes = whole // 3600, whole % 3600 // 60
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {whole % 60:02d} s"
-
-
-def _reference_geometries(plan: Plan, facility: Facility) -> list[Geometry]:
-    known = facility.reference
-    return [
-        Geometry(
-            wavelength=wavelength,
-            illumination_zenith=known.illumination_zenith,
-            sensor_zenith=known.sensor_zenith,
-            sensor_azimuth=azimuth,
-        )
-        for wavelength in dict.fromkeys(point.wavelength for point in plan.points)
-        for azimuth in known.sensor_azimuth
-    ]
 
 
 def _planes(plan: Plan) -> Table:

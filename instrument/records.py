@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from importlib.metadata import version
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from instrument.events import Geometry
-from instrument.plan import Plan
 
 Index = Annotated[int, Field(ge=0)]
 Volts = Annotated[tuple[float, ...], Field(min_length=1)]
@@ -93,27 +90,3 @@ RECORDS: dict[str, type[_Record]] = {
     "state": StateRecord,
     "note": NoteRecord,
 }
-
-
-def journal_header(plan: Plan, facility: Path, created: datetime) -> dict[str, Any]:
-    """The header of a new run's journal; holds the texts of plan and facility as they were used.
-
-    Parameters
-    ----------
-    plan
-        As it was read; its ``source`` is read once more for the text.
-    facility
-        Path of ``facility.toml``.
-    created
-        Laboratory time, UTC.
-    """
-    return {
-        "created": created,
-        "title": plan.title,
-        "plan": Path(plan.source).read_text(encoding="utf-8"),
-        "facility": facility.read_text(encoding="utf-8"),
-        "samples": plan.samples,
-        "scan_direction": plan.direction,
-        "points": len(plan.points),
-        "software_version": version("goniotwin"),
-    }

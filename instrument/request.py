@@ -12,10 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from instrument.artifact import read_artifact
 from instrument.errors import InputError
-from instrument.facility import Facility, read_facility
+from instrument.events import Geometry
+from instrument.facility import UNKNOWN_FACILITY, Arms, Facility, read_facility
 from instrument.journal import JournalContent, read_journal
 from instrument.laboratories import Inputs
-from instrument.plan import Plan, read_plan
+from instrument.plan import Plan, describe, read_plan
+from instrument.safety import Pose
+from instrument.scan_options import check_options
 
 PLAN_NAME, FACILITY_NAME, ARTIFACT_NAME, MATERIAL_NAME = "plan.toml", "facility.toml", "artifact.toml", "material.nc"
 DEVICES_NAME = "devices.toml"
@@ -54,6 +57,20 @@ class ScanRequest(BaseModel):
     out: Path | None = None
     twin: bool = True
     resume: Path | None = None
+
+
+#: Stands in until the laboratory has said what its arms can do: whatever is wrong with a plan beside that is said at
+#: once.
+_WIDE_FACILITY = UNKNOWN_FACILITY.model_copy(
+    update={
+        "arms": Arms(
+            illumination_zenith=(-180.0, 180.0),
+            sensor_zenith=(-180.0, 180.0),
+            sensor_azimuth=(-360.0, 360.0),
+            shadow_half_angle=0.0,
+        )
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -111,31 +128,20 @@ def inputs_of(request: ScanRequest) -> GivenInputs:
     InputError
         If options exclude each other, one is missing, or a file is wrong.
     """
+    check_options({name: getattr(request, name) for name in request.model_fields_set})
     given = _resumed(request) if request.resume is not None else _new(request)
     for path in (given.plan, given.material, given.devices):
         if path is not None and not path.is_file():
             raise InputError(f"{path}: no such file")
     if given.artifact is not None:
         read_artifact(given.artifact)
-    if given.facility is not None:
-        facility = read_facility(given.facility)
-        if given.plan is not None:
-            read_plan(given.plan, facility)
+    facility = read_facility(given.facility) if given.facility is not None else _WIDE_FACILITY
+    if given.plan is not None:
+        read_plan(given.plan, facility)
     return given
 
 
 def _new(request: ScanRequest) -> GivenInputs:
-    if request.simulate == (request.devices is not None):
-        raise InputError(
-            "--simulate and --devices exclude each other"
-            if request.simulate
-            else "nothing to scan with; expected --simulate, or --devices with the devices.toml of a laboratory"
-        )
-    if not request.simulate:
-        for option in ("plan", "facility"):
-            if getattr(request, option) is None:
-                name = "PLAN" if option == "plan" else f"--{option}"
-                raise InputError(f"{name}: missing; only the simulated laboratory brings one of its own")
     simulate = Simulation(request.speed, request.seed) if request.simulate else None
     return GivenInputs(request.plan, request.facility, request.artifact, request.material, request.devices, simulate)
 
@@ -143,11 +149,6 @@ def _new(request: ScanRequest) -> GivenInputs:
 def _resumed(request: ScanRequest) -> GivenInputs:
     """A run goes on with what its folder holds, in the laboratory where it began unless another is named."""
     assert request.resume is not None
-    for option in ("plan", "facility", "artifact", "material", "out"):
-        if getattr(request, option) is not None:
-            raise InputError(f"--resume goes on with the {option} of the run; leave it out")
-    if request.simulate and request.devices is not None:
-        raise InputError("--simulate and --devices exclude each other")
     content = read_journal(request.resume)
     folder = content.path.parent
     for name, key in ((PLAN_NAME, "plan"), (FACILITY_NAME, "facility")):
@@ -186,8 +187,16 @@ def complete(given: GivenInputs) -> ScanInputs:
     assert given.facility is not None
     assert given.devices is not None
     facility = read_facility(given.facility)
+    plan = read_plan(given.plan, facility)
+    try:
+        for point in plan.points:
+            Pose.of(point)
+    except InputError as error:
+        raise InputError(f"{plan.source}: {error}") from None
+    if given.resumed is not None:
+        _check_points(plan, given.resumed)
     return ScanInputs(
-        plan=read_plan(given.plan, facility),
+        plan=plan,
         facility=facility,
         plan_path=given.plan,
         facility_path=given.facility,
@@ -197,6 +206,18 @@ def complete(given: GivenInputs) -> ScanInputs:
         simulate=given.simulate,
         resumed=given.resumed,
     )
+
+
+def _check_points(plan: Plan, resumed: JournalContent) -> None:
+    """What was measured must be what the plan says, or an index would stand for two geometries."""
+    for index, record in resumed.points.items():
+        measured = Geometry.model_validate(record["geometry"])
+        if index >= len(plan) or measured != plan.points[index]:
+            now = describe(plan.points[index]) if index < len(plan) else "nothing"
+            raise InputError(
+                f"{resumed.path}: point {index} was measured at {describe(measured)}; this program reads the plan as"
+                f" having {now} there, and cannot go on with the run"
+            )
 
 
 def header_of(inputs: ScanInputs, created: datetime) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +10,7 @@ import tomli_w
 
 from instrument.artifact import read_artifact
 from instrument.errors import InputError
+from instrument.files import sync_folder, write_atomically
 from instrument.forms import read_toml
 from instrument.journal import JOURNAL_NAME
 from instrument.request import (
@@ -33,11 +33,13 @@ def make_run_folder(out: Path | None, plan: Path) -> Path:
     Raises
     ------
     InputError
-        If the folder holds a run already, or cannot be made.
+        If the folder holds a run or anything else already, or cannot be made.
     """
     if out is not None:
         if (out / JOURNAL_NAME).exists():
             raise InputError(f"{out}: holds a run already; go on with it by --resume, or choose another --out")
+        if out.is_dir() and any(out.iterdir()):
+            raise InputError(f"{out}: is not empty; a run has a folder of its own, choose another --out")
         return _made(out, exist_ok=True)
     stem = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{plan.stem}"
     for number in range(1, 100):
@@ -48,28 +50,39 @@ def make_run_folder(out: Path | None, plan: Path) -> Path:
 
 
 def _made(folder: Path, *, exist_ok: bool) -> Path:
+    folder = folder.absolute()
+    new = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=exist_ok)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    for path in new:
+        sync_folder(path.parent)
     return folder.resolve()
 
 
 def copy_file(source: Path, folder: Path, name: str) -> Path:
-    """Copy a file into the run folder under a fixed name.
+    """Copy a file into the run folder under a fixed name; it is on the disk when this returns.
 
     Raises
     ------
     InputError
-        If it cannot be read.
+        If it cannot be read or written, or another file has this name already.
     """
-    target = folder / name
-    if target.exists() and target.samefile(source):
-        return target
     try:
-        shutil.copyfile(source, target)
+        content = source.read_bytes()
     except OSError as error:
-        raise InputError(f"{source}: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{source}: cannot be read: {error.strerror}") from None
+    return _write_new(folder / name, content, str(source))
+
+
+def _write_new(target: Path, content: bytes, source: str) -> Path:
+    if target.exists():
+        raise InputError(f"{source}: its copy would replace {target.name}, which the run folder needs; rename it")
+    try:
+        write_atomically(target, content)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
     return target
 
 
@@ -88,9 +101,7 @@ def copy_artifact(source: Path, folder: Path) -> Path:
         copy_file(source.parent / form[key], folder, name)
     if all(form[key] == name for key, name in names.items()):
         return copy_file(source, folder, ARTIFACT_NAME)
-    target = folder / ARTIFACT_NAME
-    target.write_text(tomli_w.dumps(form | names), encoding="utf-8")
-    return target
+    return _write_new(folder / ARTIFACT_NAME, tomli_w.dumps(form | names).encode(), str(source))
 
 
 def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:

@@ -43,11 +43,11 @@ class Pose(NamedTuple):
 
         Raises
         ------
-        SafetyError
+        InputError
             If it has an illumination azimuth: no arm can do that, only a turned sample.
         """
         if geometry.illumination_azimuth != 0.0:
-            raise SafetyError(
+            raise InputError(
                 f"{describe(geometry)}: the illumination arm moves in the plane of azimuth 0 only;"
                 " turn the sample and plan sensor azimuths relative to it"
             )

@@ -31,22 +31,26 @@ def scan(
     Ctrl-C ends it in an orderly way, a second Ctrl-C stops everything at once; "p" and Enter rests after the point at
     hand, Enter goes on. An interrupted scan goes on with --resume.
     """
+    from instrument.scan_options import check_options
+
+    options = {
+        "plan": plan,
+        "simulate": simulate,
+        "speed": speed,
+        "seed": seed,
+        "devices": devices,
+        "facility": facility,
+        "artifact": artifact,
+        "material": material,
+        "out": out,
+        "resume": resume,
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    check_options(given)
+
     from instrument.request import ScanRequest
     from instrument.scan_run import run_scan
 
-    given = {"speed": speed, "seed": seed}
-    request = ScanRequest(
-        plan=plan,
-        simulate=simulate,
-        devices=devices,
-        facility=facility,
-        artifact=artifact,
-        material=material,
-        out=out,
-        twin=not no_twin,
-        resume=resume,
-        **{name: value for name, value in given.items() if value is not None},  # type: ignore[arg-type]
-    )
-    status = run_scan(request, json)
+    status = run_scan(ScanRequest.model_validate(given | {"twin": not no_twin}), json)
     if status:
         raise typer.Exit(status)

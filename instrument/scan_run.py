@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import signal
@@ -18,6 +17,7 @@ from drivers.errors import ConfigurationError
 from instrument.errors import EXIT_BAD_INPUT, EXIT_DEVICE, EXIT_DONE, EXIT_INCOMPLETE, EXIT_INTERRUPTED, InputError
 from instrument.events import ScanEnded
 from instrument.operators import Mounted
+from instrument.output import check_writable, write_json
 from instrument.request import ScanRequest
 from instrument.scan_display import ScanDisplay
 from instrument.session import ScanSession
@@ -25,13 +25,15 @@ from instrument.settings import ScanSettings
 from instrument.states import State
 
 _POLL_WALL = 0.1
+#: Ctrl-C, a request to terminate, and a terminal that went away (a lost connection must not strand the laser).
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Keyboard:
     """Lines typed at the terminal, without ever blocking for one."""
 
     def __init__(self) -> None:
-        self._open = not sys.stdin.closed
+        self._open = sys.stdin is not None and not sys.stdin.closed
         self._buffer = b""
 
     @property
@@ -100,7 +102,7 @@ class TerminalOperator:
 
 
 class Interrupts:
-    """Counts Ctrl-C, and takes a request to terminate as one."""
+    """Counts Ctrl-C; a request to terminate and the end of the terminal count as one."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -108,7 +110,7 @@ class Interrupts:
     @contextmanager
     def caught(self) -> Iterator[None]:
         """Count instead of raising ``KeyboardInterrupt``."""
-        before = {number: signal.signal(number, self._count) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, self._count) for number in _INTERRUPTS}
         try:
             yield
         finally:
@@ -136,6 +138,8 @@ def run_scan(request: ScanRequest, report: Path | None = None, settings: ScanSet
     InputError, ConfigurationError, InstrumentBusy
         Before anything moves.
     """
+    if report is not None:
+        check_writable(report)
     console = Console(highlight=False)
     keyboard, interrupts = Keyboard(), Interrupts()
     by_hand = TerminalOperator(keyboard, console)
@@ -154,9 +158,10 @@ def run_scan(request: ScanRequest, report: Path | None = None, settings: ScanSet
                 console.print(printable)
             session.bus.drain()
             status = _status(session, end, interrupts.count > 0)
-            _conclude(console, session, end, status)
             if report is not None:
-                _write_report(report, session, end, status)
+                content = end.model_dump(mode="json", exclude={"kind"})
+                write_json(report, content | {"run_dir": str(session.run_dir), "exit_status": status})
+            _conclude(console, session, end, status)
     return status
 
 
@@ -211,8 +216,3 @@ def _conclude(console: Console, session: ScanSession, end: ScanEnded, status: in
         console.print(f"To go on with it: goniotwin scan --resume {session.run_dir}", soft_wrap=True)
     if status != EXIT_DONE and end.reason:
         print(f"goniotwin: {end.reason}", file=sys.stderr)
-
-
-def _write_report(path: Path, session: ScanSession, end: ScanEnded, status: int) -> None:
-    content = end.model_dump(mode="json", exclude={"kind"}) | {"run_dir": str(session.run_dir), "exit_status": status}
-    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from contextlib import ExitStack
-from datetime import datetime
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -23,7 +23,7 @@ from instrument.engine import ScanEngine
 from instrument.errors import InputError
 from instrument.events import ScanEnded
 from instrument.job import ScanFiles, ScanJob
-from instrument.journal import Journal, read_journal
+from instrument.journal import Journal, JournalContent, read_journal
 from instrument.laboratories import StartedLaboratory, laboratory_factory
 from instrument.lock import InstrumentLock
 from instrument.operators import Operator
@@ -115,7 +115,7 @@ class ScanSession:
         if self._operator is None:
             raise InputError("nobody is there to change the sample; run the scan from a terminal or the window")
         devices = read_devices(inputs.devices)
-        self._clock = Clock(devices.clock.speed)
+        self._clock = _clock(devices.clock.speed, inputs.resumed)
         self._stack.enter_context(InstrumentLock(endpoints(devices)))
         self.plan = inputs.plan
         job = self._job(inputs, devices, self._operator)
@@ -133,6 +133,9 @@ class ScanSession:
         else:
             self.run_dir = inputs.resumed.path.parent.resolve()
             journal = Journal.reopen(self.run_dir)
+            if journal.done != inputs.resumed.points.keys():
+                journal.close()
+                raise InputError(f"{journal.path}: another program went on with this run meanwhile; resume it again")
         return ScanJob(
             plan=inputs.plan,
             facility=inputs.facility,
@@ -215,6 +218,12 @@ class ScanSession:
 
     def _now(self) -> datetime:
         return self._clock.now()
+
+
+def _clock(speed: float, resumed: JournalContent | None) -> Clock:
+    """Laboratory time that never runs back: an accelerated clock was ahead of the wall clock when a run stopped."""
+    now = datetime.now(UTC)
+    return Clock(speed, start=now if resumed is None else max(now, resumed.latest))
 
 
 def endpoints(devices: DevicesForm) -> list[str]:

@@ -150,7 +150,7 @@ def test_a_point_on_the_rim_of_the_cone_is_allowed() -> None:
 
 def test_a_turned_illumination_is_no_matter_of_the_arms() -> None:
     turned = point(15.0, 0.0, 40.0).model_copy(update={"illumination_azimuth": 30.0})
-    with pytest.raises(SafetyError, match=r"illumination azimuth 30.*turn the sample"):
+    with pytest.raises(InputError, match=r"illumination azimuth 30.*turn the sample"):
         ENVELOPE.check_point(turned, "point 1")
 
 
