@@ -16,7 +16,7 @@ def compare_command(
         Path, typer.Argument(metavar="RUN", help="A run file (.nc, .csv) or run folder.", show_default=False)
     ],
     prediction: Annotated[
-        Path | None, typer.Argument(metavar="[PREDICTION]", help="A prediction made before.", show_default=False)
+        Path | None, typer.Argument(metavar="PREDICTION", help="A prediction made before.", show_default=False)
     ] = None,
     artifact: Annotated[Path | None, typer.Option(help="artifact.toml of the sample.", show_default=False)] = None,
     material: Annotated[Path | None, typer.Option(help="Coupon run, or table of the BRDF.", show_default=False)] = None,
@@ -140,4 +140,6 @@ def _predict(run: xr.Dataset, inputs: dict[str, Path | None], standard_error: fl
     assert facility is not None
     assert artifact is not None
     assert material is not None
-    return Twin.from_files(facility, artifact, material, seed=seed).predict(run, standard_error=standard_error)
+    twin = Twin.from_files(facility, artifact, material, seed=seed)
+    typer.echo(f"predicting {run.sizes['point']} points by ray tracing", err=True)
+    return twin.predict(run, standard_error=standard_error)

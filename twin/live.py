@@ -7,7 +7,6 @@ calls :meth:`LiveTwin.finish`. Whatever happens to the worker process, the scan 
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -30,8 +29,6 @@ from instrument.events import (
 from instrument.observers import Publish
 from twin.schedule import Batch, Schedule, Stage
 from twin.worker import Prediction, PredictionWorker, TwinUnusable, WorkerError, WorkerUnavailable
-
-log = logging.getLogger(__name__)
 
 SOURCE = "twin"
 #: A quick look first, a few whole slices ahead of the scan; then the accuracy that a comparison needs.
@@ -247,7 +244,6 @@ class LiveTwin:
             self._change.wait_for(lambda: self._closed, timeout=max(seconds, 0.0))
 
     def _say(self, level: Literal["info", "warning", "error"], text: str, advice: str = "") -> None:
-        log.log(getattr(logging, level.upper()), "%s", text)
         with self._change:
             now = self._clock.now()
         self._publish(Message(time=now, level=level, text=text, advice=advice))

@@ -162,7 +162,7 @@ def test_predictions_follow_the_scan(scan_of, fake_files):
 
 
 def test_a_worker_killed_in_mid_scan_costs_nothing_but_time(scan_of, fake_files):
-    fake_files.order(delay_s=0.15)
+    fake_files.order(delay_s=0.1)
     scan = scan_of()
     scan.start()
     for index, kill in enumerate((True, False, False, True, False, False)):
