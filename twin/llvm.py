@@ -152,5 +152,18 @@ def _advice() -> str:
         install = "install LLVM from https://releases.llvm.org"
     return (
         f"No LLVM library of version {OLDEST_LLVM} or newer was found on this {system} {machine} machine, and the ray"
-        f" tracer needs one: {install}. Or name one in the environment variable {VARIABLE}."
+        f" tracer needs one: {install}. Or name one in the environment variable {VARIABLE}.{_unloadable()}"
     )
+
+
+def _unloadable() -> str:
+    """Why the packaged library, where it is installed, does not load: often a system library that it needs."""
+    for library in _packaged():
+        try:
+            ctypes.CDLL(str(library))
+        except OSError as error:
+            return (
+                f" The package {_PACKAGE} is installed, but its library does not load: {error}"
+                " (libatomic.so.1 comes with Debian's libatomic1)."
+            )
+    return ""

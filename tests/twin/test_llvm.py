@@ -59,6 +59,17 @@ def test_without_any_library_the_message_says_what_to_install(monkeypatch: pytes
         llvm.choose_llvm({})
 
 
+def test_a_packaged_library_that_does_not_load_is_named_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = tmp_path / "libLLVM.so"
+    broken.write_text("not a library")
+    monkeypatch.setattr(llvm, "_packaged", lambda: [broken])
+    monkeypatch.setattr(llvm, "_SYSTEM_PATTERNS", ())
+    with pytest.raises(InputError, match=r"karellen-llvm-core is installed, but .*libLLVM\.so"):
+        llvm.choose_llvm({})
+
+
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no CPU affinity on this platform")
 def test_threads_honour_cpu_affinity() -> None:
     program = (
