@@ -18,12 +18,15 @@ def check(
     from rich.console import Console
 
     from drivers.check import check_devices, table
-    from drivers.configuration import read_devices
+    from drivers.configuration import endpoints, read_devices
     from drivers.errors import ConfigurationError
+    from drivers.lock import InstrumentLock
 
     try:
         form = read_devices(devices)
-        results = check_devices(form)
+        # Asking a device who it is may set it up anew: never under a scan that is using it.
+        with InstrumentLock(endpoints(form)):
+            results = check_devices(form)
     except ConfigurationError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None

@@ -98,6 +98,15 @@ def parse_devices(data: Mapping[str, Any], source: str = "devices.toml") -> Devi
     return form
 
 
+def endpoints(devices: DevicesForm) -> list[str]:
+    """Names of the wires of an instrument, alike in every program that uses them."""
+    names = []
+    for line in devices.lines.values():
+        parts = [str(getattr(line, key)) for key in ("resource", "host", "port") if hasattr(line, key)]
+        names.append(":".join(parts))
+    return names
+
+
 @dataclass(frozen=True)
 class PlannedDevice:
     """A device that is about to be made: everything but its line is known."""
@@ -180,16 +189,19 @@ def make_devices(
         Naming the device and its line.
     """
     connection = Connection()
-    for plan in planned(form):
-        try:
-            device = _make(plan, form, clock, connection.lines)
-        except (DeviceError, ConfigurationError) as error:
-            if failed is None:
-                connection.close()
-                raise
-            failed(plan, error)
-        else:
-            connection.devices[plan.role] = device
+    try:
+        for plan in planned(form):
+            try:
+                device = _make(plan, form, clock, connection.lines)
+            except (DeviceError, ConfigurationError) as error:
+                if failed is None:
+                    raise
+                failed(plan, error)
+            else:
+                connection.devices[plan.role] = device
+    except BaseException:
+        connection.close()
+        raise
     return connection
 
 
@@ -209,6 +221,9 @@ def _make(plan: PlannedDevice, form: DevicesForm, clock: Clock, lines: dict[str,
 def _open(plan: PlannedDevice, form: DevicesForm) -> OpenLine:
     try:
         return form.lines[plan.line].open(plan.line)
+    except ValueError as error:
+        # What a port's library says of a value that no port can have: an unknown URL, an impossible baud rate.
+        raise ConfigurationError(f"{form.source}: lines.{plan.line}: {error}") from error
     except OSError as error:
         raise CommunicationError(
             plan.role,

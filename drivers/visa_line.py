@@ -78,8 +78,11 @@ class VisaLine(SharedLine):
                 return
             if self._form.resource.upper().endswith("::SOCKET"):
                 self._close_wire()
-            else:
+                return
+            try:
                 self._resource.clear()
+            except (pyvisa.errors.Error, OSError):
+                self._close_wire()  # a resource that cannot even be cleared is opened anew
 
     def ready(self, device: str) -> int:
         """Open the resource where it is not open; returns :attr:`generation`."""
@@ -137,6 +140,6 @@ class VisaLine(SharedLine):
         self.generation += 1
 
     def _close_wire(self) -> None:
-        if self._resource is not None:
-            self._resource.close()
-        self._resource = None
+        resource, self._resource = self._resource, None
+        if resource is not None:
+            resource.close()

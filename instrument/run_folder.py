@@ -36,10 +36,7 @@ def make_run_folder(out: Path | None, plan: Path) -> Path:
         If the folder holds a run or anything else already, or cannot be made.
     """
     if out is not None:
-        if (out / JOURNAL_NAME).exists():
-            raise InputError(f"{out}: holds a run already; go on with it by --resume, or choose another --out")
-        if out.is_dir() and any(out.iterdir()):
-            raise InputError(f"{out}: is not empty; a run has a folder of its own, choose another --out")
+        check_free(out)
         return _made(out, exist_ok=True)
     stem = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{plan.stem}"
     for number in range(1, 100):
@@ -47,6 +44,22 @@ def make_run_folder(out: Path | None, plan: Path) -> Path:
         if not folder.exists():
             return _made(folder, exist_ok=False)
     raise InputError(f"{RUNS / stem}: exists already, and so do 98 others of this second")
+
+
+def check_free(out: Path) -> None:
+    """Refuse a folder that holds anything: nothing of it may be replaced.
+
+    Raises
+    ------
+    InputError
+        Saying what to do instead.
+    """
+    if (out / JOURNAL_NAME).exists():
+        raise InputError(f"{out}: holds a run already; go on with it by --resume, or choose another --out")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; expected the name of a folder")
+    if out.is_dir() and any(out.iterdir()):
+        raise InputError(f"{out}: is not empty; a run has a folder of its own, choose another --out")
 
 
 def _made(folder: Path, *, exist_ok: bool) -> Path:

@@ -15,7 +15,8 @@ from types import TracebackType
 from typing import Any
 
 from drivers.clock import Clock
-from drivers.configuration import DevicesForm, connect, read_devices
+from drivers.configuration import DevicesForm, connect, endpoints, read_devices
+from drivers.lock import InstrumentLock
 from instrument.audience import Audience
 from instrument.bus import EventBus, Handler, Subscription
 from instrument.dataset import run_of_journal, write_run
@@ -25,15 +26,14 @@ from instrument.events import ScanEnded
 from instrument.job import ScanFiles, ScanJob
 from instrument.journal import Journal, JournalContent, read_journal
 from instrument.laboratories import StartedLaboratory, laboratory_factory
-from instrument.lock import InstrumentLock
 from instrument.operators import Operator
 from instrument.plan import Plan
 from instrument.request import ScanInputs, ScanRequest, complete, header_of, inputs_of
-from instrument.run_folder import RUN_NAME, keep_inputs, make_run_folder
+from instrument.run_folder import RUN_NAME, check_free, keep_inputs, make_run_folder
 from instrument.settings import ScanSettings
 from instrument.states import State
 
-__all__ = ["ScanRequest", "ScanSession", "derive_run", "endpoints"]
+__all__ = ["ScanRequest", "ScanSession", "derive_run"]
 
 
 class ScanSession:
@@ -99,6 +99,8 @@ class ScanSession:
 
     def _open(self) -> None:
         given = inputs_of(self.request)
+        if self.request.out is not None:
+            check_free(self.request.out)
         if given.simulate is not None:
             folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="goniotwin-")))
             started = laboratory_factory()(
@@ -224,15 +226,6 @@ def _clock(speed: float, resumed: JournalContent | None) -> Clock:
     """Laboratory time that never runs back: an accelerated clock was ahead of the wall clock when a run stopped."""
     now = datetime.now(UTC)
     return Clock(speed, start=now if resumed is None else max(now, resumed.latest))
-
-
-def endpoints(devices: DevicesForm) -> list[str]:
-    """Names of the wires of an instrument, alike in every program that uses them."""
-    names = []
-    for line in devices.lines.values():
-        parts = [str(getattr(line, key)) for key in ("resource", "host", "port") if hasattr(line, key)]
-        names.append(":".join(parts))
-    return names
 
 
 def derive_run(run_dir: Path) -> Path | None:

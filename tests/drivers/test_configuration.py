@@ -221,3 +221,10 @@ def test_a_visa_resource_that_makes_no_sense_is_named(room: dict[str, Any]) -> N
     room["devices"]["detector"]["line"] = "meter"
     with pytest.raises(CommunicationError, match="detector: line 'meter' cannot be opened"):
         connect(parse_devices(room))
+
+
+def test_a_port_that_cannot_be_is_named_and_everything_closed(room: dict[str, Any]) -> None:
+    room["lines"]["meter"] = {"kind": "serial", "port": "nonsense://somewhere"}
+    room["devices"]["detector"] = room["devices"]["sensor_zenith"] | {"line": "meter"}
+    with pytest.raises(ConfigurationError, match=r"lines\.meter: .*nonsense"):
+        connect(parse_devices(room))

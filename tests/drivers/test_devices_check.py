@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from drivers.check import check_devices
 from drivers.commands import check
-from drivers.configuration import connect, read_devices
+from drivers.configuration import connect, endpoints, read_devices
 from drivers.interfaces import ROLES
+from drivers.lock import InstrumentBusy, InstrumentLock
 
 
 @pytest.fixture
@@ -66,3 +67,11 @@ def test_devices_that_another_program_holds_are_told(devices: Path, app: typer.T
     assert outcome.exit_code == 3, outcome.output
     problems = {device["role"]: device["problem"] for device in json.loads(out.read_text())["devices"]}
     assert "in use by another program" in problems["sensor_zenith"]
+
+
+def test_nothing_is_asked_under_a_scan_that_uses_the_devices(devices: Path, app: typer.Typer) -> None:
+    """Asking the meter who it is sets it up anew, in the middle of a burst."""
+    with InstrumentLock(endpoints(read_devices(devices))):
+        outcome = CliRunner().invoke(app, ["--devices", str(devices)])
+    assert isinstance(outcome.exception, InstrumentBusy)
+    assert "in use by process" in str(outcome.exception)

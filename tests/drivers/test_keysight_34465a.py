@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+import pyvisa
 from pydantic import ValidationError
 
 from drivers.clock import Clock
@@ -15,6 +16,7 @@ from drivers.errors import CommandRefused, CommunicationError, DeviceFault
 from drivers.interfaces import Detector
 from drivers.keysight_34465a import Keysight34465A, Keysight34465AForm
 from drivers.lines import VisaLineForm
+from drivers.sharing import SharedLine
 from drivers.visa_line import VisaLine
 
 IDENTITY = "Keysight Technologies,34465A,MY54500001,A.02.14"
@@ -191,3 +193,24 @@ def test_no_readings_at_all_are_refused(meet: Meet) -> None:
 def test_options_that_the_meter_does_not_have_are_refused(options: dict[str, Any]) -> None:
     with pytest.raises(ValidationError, match=next(iter(options))):
         Keysight34465AForm.model_validate(options)
+
+
+def test_a_resource_that_cannot_be_cleared_is_opened_anew() -> None:
+    """USB and GPIB resources have a device clear, which fails with the cable."""
+
+    class Deaf:
+        closed = False
+
+        def clear(self) -> None:
+            raise pyvisa.errors.VisaIOError(pyvisa.constants.StatusCode.error_connection_lost)
+
+        def close(self) -> None:
+            self.closed = True
+
+    line = VisaLine.__new__(VisaLine)
+    SharedLine.__init__(line, "meter")
+    line._form = VisaLineForm(kind="visa", resource="USB0::0x2A8D::0x0101::MY1::INSTR")
+    deaf = line._resource = Deaf()
+    line.reset()
+    assert deaf.closed
+    assert line._resource is None

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -16,13 +15,12 @@ from typing import Any
 
 import pytest
 
-from drivers.configuration import parse_devices
+from drivers.lock import InstrumentBusy
 from instrument.dataset import read_run
 from instrument.errors import InputError
 from instrument.events import Event, PointMeasured, PointSkipped, PointStarted, ScanEnded, StateChanged
 from instrument.journal import read_journal
-from instrument.lock import InstrumentBusy
-from instrument.session import ScanRequest, ScanSession, derive_run, endpoints
+from instrument.session import ScanRequest, ScanSession, derive_run
 from sim_fixtures.laboratory import start_simulated
 
 SPEED = 200.0
@@ -347,24 +345,6 @@ def test_an_observer_found_by_its_entry_point_annotates_and_prints(
     assert Twin.closed.is_set()
     assert len(watch.of(PointAnnotated)) == 6
     assert any("broken cannot watch" in getattr(event, "text", "") for event in watch.events)
-
-
-def test_endpoints_name_each_wire_once() -> None:
-    text = """
-version = 1
-[lines.arms]
-kind = "serial"
-port = "/dev/ttyUSB0"
-[lines.meter]
-kind = "visa"
-resource = "TCPIP::192.168.0.3::5025::SOCKET"
-[lines.io]
-kind = "modbus-tcp"
-host = "192.168.0.4"
-[devices]
-"""
-    form = parse_devices(tomllib.loads(text))
-    assert sorted(endpoints(form)) == ["/dev/ttyUSB0", "192.168.0.4:502", "TCPIP::192.168.0.3::5025::SOCKET"]
 
 
 def test_nothing_is_derived_from_a_run_without_points(tmp_path: Path) -> None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
-from instrument.lock import InstrumentBusy, InstrumentLock, lock_directory
+from drivers.configuration import endpoints, parse_devices
+from drivers.lock import InstrumentBusy, InstrumentLock, lock_directory
 
 HOLD = """
 import sys
 from pathlib import Path
-from instrument.lock import InstrumentLock
+from drivers.lock import InstrumentLock
 with InstrumentLock(["/dev/ttyUSB0"], Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
@@ -76,3 +78,21 @@ def test_the_directory_can_be_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert lock_directory() == tmp_path / "locks"
     with InstrumentLock(["a"]):
         assert list((tmp_path / "locks").iterdir())
+
+
+def test_endpoints_name_each_wire_once() -> None:
+    text = """
+version = 1
+[lines.arms]
+kind = "serial"
+port = "/dev/ttyUSB0"
+[lines.meter]
+kind = "visa"
+resource = "TCPIP::192.168.0.3::5025::SOCKET"
+[lines.io]
+kind = "modbus-tcp"
+host = "192.168.0.4"
+[devices]
+"""
+    form = parse_devices(tomllib.loads(text))
+    assert sorted(endpoints(form)) == ["/dev/ttyUSB0", "192.168.0.4:502", "TCPIP::192.168.0.3::5025::SOCKET"]
