@@ -22,14 +22,10 @@ def check(
     from drivers.errors import ConfigurationError
     from drivers.lock import InstrumentLock
 
-    try:
-        form = read_devices(devices)
-        # Asking a device who it is may set it up anew: never under a scan that is using it.
-        with InstrumentLock(endpoints(form)):
-            results = check_devices(form)
-    except ConfigurationError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(2) from None
+    form = read_devices(devices)
+    # Asking a device who it is may set it up anew: never under a scan that is using it.
+    with InstrumentLock(endpoints(form)):
+        results = check_devices(form)
     Console().print(table(results))
     good = all(result.ok for result in results)
     if json_file is not None:
@@ -37,7 +33,6 @@ def check(
         try:
             json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         except OSError as error:
-            typer.echo(f"error: {json_file}: cannot be written: {error.strerror}", err=True)
-            raise typer.Exit(2) from None
+            raise ConfigurationError(f"{json_file}: cannot be written: {error.strerror}") from None
     if not good:
         raise typer.Exit(3)

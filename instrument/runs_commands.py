@@ -17,19 +17,14 @@ def list_runs(
     """List the runs in a folder: when, what, how many points, how it ended."""
     from rich.console import Console
 
-    from instrument.errors import EXIT_BAD_INPUT, InputError
     from instrument.output import write_json
     from instrument.run_archive import overviews
     from instrument.run_report import overview_table
 
-    try:
-        rows = overviews(folder)
-        Console(highlight=False).print(overview_table(rows) if rows else f"{folder}: no runs")
-        if json_file is not None:
-            write_json(json_file, [row.as_dict() for row in rows])
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
+    rows = overviews(folder)
+    Console(highlight=False).print(overview_table(rows) if rows else f"{folder}: no runs")
+    if json_file is not None:
+        write_json(json_file, [row.as_dict() for row in rows])
 
 
 def show(
@@ -39,18 +34,13 @@ def show(
     """Show one run: what was measured, by plane, what is missing, what the file cannot support."""
     from rich.console import Console
 
-    from instrument.errors import EXIT_BAD_INPUT, InputError
     from instrument.output import write_json
     from instrument.run_report import print_run, run_summary
 
-    try:
-        summary = run_summary(run)
-        print_run(summary, Console(highlight=False))
-        if json_file is not None:
-            write_json(json_file, summary)
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
+    summary = run_summary(run)
+    print_run(summary, Console(highlight=False))
+    if json_file is not None:
+        write_json(json_file, summary)
 
 
 def verify(
@@ -60,18 +50,14 @@ def verify(
     """Check a run folder against its journal; exit status 1 when anything is not as it was measured."""
     from rich.console import Console
 
-    from instrument.errors import EXIT_BAD_INPUT, EXIT_INCOMPLETE, InputError
+    from instrument.errors import EXIT_INCOMPLETE
     from instrument.output import write_json
     from instrument.run_archive import verify as verify_folder
     from instrument.run_report import verification_table
 
-    try:
-        result = verify_folder(folder)
-        Console(highlight=False).print(verification_table(result))
-        if json_file is not None:
-            write_json(json_file, result.as_dict())
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
+    result = verify_folder(folder)
+    Console(highlight=False).print(verification_table(result))
+    if json_file is not None:
+        write_json(json_file, result.as_dict())
     if not result.passed:
         raise typer.Exit(EXIT_INCOMPLETE)

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from drivers.check import check_devices
 from drivers.commands import check
 from drivers.configuration import connect, endpoints, read_devices
+from drivers.errors import ConfigurationError
 from drivers.interfaces import ROLES
 from drivers.lock import InstrumentBusy, InstrumentLock
 
@@ -53,10 +54,10 @@ def test_one_mute_device_fails_the_check_and_the_others_are_still_tried(
     assert "no reply" in failed[0]["problem"]
 
 
-def test_a_wrong_file_is_one_message_and_status_two(app: typer.Typer, tmp_path: Path) -> None:
+def test_a_wrong_file_is_one_message(app: typer.Typer, tmp_path: Path) -> None:
     outcome = CliRunner().invoke(app, ["--devices", str(tmp_path / "nothing.toml")])
-    assert outcome.exit_code == 2
-    assert "nothing.toml: No such file or directory" in outcome.output
+    assert isinstance(outcome.exception, ConfigurationError)  # status 2: tests/instrument/test_cli.py
+    assert "nothing.toml: No such file or directory" in str(outcome.exception)
 
 
 def test_devices_that_another_program_holds_are_told(devices: Path, app: typer.Typer, tmp_path: Path) -> None:

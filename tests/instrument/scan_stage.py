@@ -114,8 +114,12 @@ def stage(
     bench: Bench | None = None,
     settings: ScanSettings = QUICK,
     facility: Facility = FACILITY,
+    run_file: bool = False,
 ) -> Stage:
-    """Set up a scan; one that goes on where ``tmp_path`` holds a journal already."""
+    """Set up a scan; one that goes on where ``tmp_path`` holds a journal already.
+
+    A run file takes longer to write than everything else, so it is made where a test asks for one.
+    """
     plan, bench, bus = plan or plan_of(), bench or Bench(), EventBus()
     previous = None
     if (tmp_path / "journal.jsonl").exists():
@@ -126,7 +130,7 @@ def stage(
 
     def derive() -> Path | None:
         content = read_journal(tmp_path)
-        if not content.points:
+        if not run_file or not content.points:
             return None
         write_run(run_of_journal(content), tmp_path / "run.nc")
         return tmp_path / "run.nc"

@@ -57,7 +57,7 @@ def test_the_reflectance_factor_is_that_of_the_sample(tmp_path: Path) -> None:
 
 
 def test_the_run_file_says_what_the_events_said(tmp_path: Path) -> None:
-    s = stage(tmp_path)
+    s = stage(tmp_path, run_file=True)
     end = s.run()
     run = read_run(Path(end.run_file or ""))
     events = s.events(PointMeasured)
@@ -184,8 +184,7 @@ def test_a_point_marked_before_is_tried_again_on_resumption(tmp_path: Path) -> N
 
 def test_resuming_a_complete_run_touches_no_device(tmp_path: Path) -> None:
     stage(tmp_path).run()
-    (tmp_path / "run.nc").unlink()
-    again = stage(tmp_path)
+    again = stage(tmp_path, run_file=True)
     end = again.run()
     assert (end.outcome, end.done) == ("finished", 3)
     assert (tmp_path / "run.nc").exists()
@@ -269,7 +268,7 @@ def test_pause_now_stops_the_arm_and_the_point_is_measured_afterwards(tmp_path: 
 
 @pytest.mark.parametrize(("ask", "outcome"), [("abort", "aborted"), ("halt", "halted")])
 def test_ending_early_keeps_what_is_measured(tmp_path: Path, ask: str, outcome: str) -> None:
-    s = stage(tmp_path)
+    s = stage(tmp_path, run_file=True)
     s.when(lambda e: isinstance(e, PointMeasured) and e.index == 0, lambda: getattr(s.engine, ask)("enough"))
     end = s.run()
     assert (end.outcome, end.reason) == (outcome, "enough")

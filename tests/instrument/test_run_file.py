@@ -234,14 +234,18 @@ def test_a_foreign_file_is_named(content: bytes, expected: str, tmp_path: Path) 
     assert expected in refusal(tmp_path / "run.nc")
 
 
+@pytest.fixture(scope="module")
+def whole_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    return saved(minimal_run(400), tmp_path_factory.mktemp("whole") / "run.nc").read_bytes()
+
+
 @settings(deadline=None, max_examples=25)
 @given(share=st.floats(0.0, 0.999))
 def test_a_truncated_file_is_an_error_and_never_half_a_run(
-    share: float, tmp_path_factory: pytest.TempPathFactory
+    share: float, whole_file: bytes, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     folder = tmp_path_factory.mktemp("truncated")
-    whole = saved(minimal_run(400), folder / "whole.nc").read_bytes()
-    (folder / "run.nc").write_bytes(whole[: int(share * len(whole))])
+    (folder / "run.nc").write_bytes(whole_file[: int(share * len(whole_file))])
     refusal(folder / "run.nc")
 
 
