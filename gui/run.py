@@ -6,6 +6,7 @@ import os
 import signal
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 from PySide6.QtCore import QSettings, QTimer
 
@@ -89,7 +90,7 @@ def run(options: Options, screenshot: Path | None = None) -> int:
 
     laboratory = f"simulated laboratory, {options.speed:g} times faster" if options.simulate else str(options.devices)
     window = MainWindow(controller, settings, options.plan, laboratory, plan_needed=not options.simulate)
-    heart = _close_on_interrupt(window)
+    heart = obey_signals(window)
     window.show()
     if screenshot is not None:
         from gui.screenshot import Photographer
@@ -102,9 +103,22 @@ def run(options: Options, screenshot: Path | None = None) -> int:
     return EXIT_DONE
 
 
-def _close_on_interrupt(window: MainWindow) -> QTimer:
-    """Let Ctrl+C close the window as a click does; the timer gives Python a chance to see the signal."""
-    signal.signal(signal.SIGINT, lambda *_: window.close())
+def obey_signals(window: MainWindow) -> QTimer:
+    """Let signals end the program without ever leaving the instrument as it is.
+
+    Ctrl-C closes the window as a click does, and so asks where a scan runs; a second one means yes. A request to
+    terminate and a terminal that went away ask nobody. The timer returned gives Python a chance to see the signals.
+    """
+
+    def obey(number: int, _: FrameType | None) -> None:
+        if number == signal.SIGINT and not window.asking:
+            window.close()
+        else:
+            window.end_and_close()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup means it
+            signal.signal(number, obey)
     timer = QTimer(window)
     timer.start(250)
     timer.timeout.connect(lambda: None)

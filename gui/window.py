@@ -277,9 +277,17 @@ class MainWindow(QMainWindow):
                 " be resumed later.",
             )
 
+    @property
+    def asking(self) -> bool:
+        """True while a question to the person stands."""
+        return self._question is not None
+
     def _close_answered(self, yes: bool) -> None:
-        if not yes:
-            return
+        if yes:
+            self.end_and_close()
+
+    def end_and_close(self) -> None:
+        """End a scan in an orderly way, and close as soon as the instrument is safe; asks nobody."""
         self._closing = True
         self.statusBar().showMessage("Ending the scan; the window closes when the instrument is safe")
         self._abort()

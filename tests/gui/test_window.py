@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from gui.comparison import score
 from gui.model import Changes, ScanModel, plane_of
 from gui.notices import ControllerClosed, ControllerStarting, OperatorAnswered, OperatorAsked
 from gui.panels import discover
+from gui.run import obey_signals
 from instrument.events import Message, PointSkipped, PointStarted
 
 POINTS = geometries({0.0: (0.0, 90.0), 15.0: (50.0,)}, step=10)
@@ -266,6 +268,42 @@ def test_closing_during_a_scan_asks_and_then_waits_for_a_safe_end(stage: Stage, 
     assert stage.window.isVisible()
     stage.play(ControllerClosed())
     assert not stage.window.isVisible()
+
+
+@pytest.fixture
+def obedient(stage: Stage) -> Iterator[Stage]:
+    """A window that hears the signals of this process, for one test."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in numbers}
+    heart = obey_signals(stage.window)
+    yield stage
+    heart.stop()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_request_to_terminate_ends_the_scan_before_the_window(obedient: Stage, number: signal.Signals) -> None:
+    running(obedient)
+    signal.raise_signal(number)
+    assert obedient.controller.asked == ["start", "abort"]
+    assert not obedient.window.asking
+    assert obedient.window.isVisible()
+    obedient.play(changed("measuring", "aborting"), changed("aborting", "aborted"), ControllerClosed())
+    assert not obedient.window.isVisible()
+
+
+def test_ctrl_c_asks_and_a_second_one_means_yes(obedient: Stage, qtbot: QtBot) -> None:
+    running(obedient)
+    signal.raise_signal(signal.SIGINT)
+    answer(obedient, qtbot, "Keep the window open")
+    signal.raise_signal(signal.SIGINT)
+    assert obedient.window.asking
+    assert obedient.controller.asked == ["start"]
+    signal.raise_signal(signal.SIGINT)
+    assert obedient.controller.asked == ["start", "abort"]
+    obedient.play(ControllerClosed())
+    assert not obedient.window.isVisible()
 
 
 def test_a_second_scan_starts_afresh(stage: Stage) -> None:
