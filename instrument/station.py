@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.clock import Clock
 from drivers.interfaces import Laboratory
-from instrument.acquisition import Acquisition, Burst
+from instrument.acquisition import Acquisition, Burst, NoLight
 from instrument.control import Controls
 from instrument.durations import AXES
 from instrument.events import Geometry
@@ -103,7 +103,11 @@ class Station:
         self._controls.sleep(max(acquisition.settling, self._settings.dwell - self.acquisition.last_duration))
         self.light.check()
         began = self._clock.now()
-        burst = self.acquisition.measure(samples)
+        try:
+            burst = self.acquisition.measure(samples)
+        except NoLight:
+            self.light.check()  # light that went out is waited for; the point is not given up
+            raise
         self.light.check()
         power, wavelength = self.light.readback()
         return burst, {

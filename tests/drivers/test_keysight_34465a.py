@@ -214,3 +214,13 @@ def test_a_resource_that_cannot_be_cleared_is_opened_anew() -> None:
     line.reset()
     assert deaf.closed
     assert line._resource is None
+
+
+def test_a_reply_that_comes_too_late_is_not_taken_for_the_next_one() -> None:
+    meter = Meter((0.5, "late"), (0.6, "right"))
+    line = VisaLine("meter", VisaLineForm(kind="visa", resource=meter.resource, timeout=0.2))
+    with pytest.raises(CommunicationError, match="no reply"):
+        line.query("detector", "FIRST?")
+    assert line.query("detector", "SECOND?", 2.0) == "right"
+    line.close()
+    meter.close()

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 from pydantic import ValidationError
-from scripted_peer import Peer, Step, rtu
+from scripted_peer import Late, Peer, Step, rtu
 
+from drivers import modbus_line
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, CommunicationError, DeviceFault
 from drivers.femto import Femto, FemtoForm
@@ -175,3 +176,17 @@ def test_a_confirmation_of_another_coil_is_not_taken(converse: Converse) -> None
     peer = converse((write(4, False)[0], write(3, False)[0]), write(4, False), coils(0), inputs(0))
     with line_to(peer, timeout=0.15) as line:
         shutter(line).shut()
+
+
+def test_a_late_reply_of_the_same_length_is_not_taken_for_the_next_one(
+    converse: Converse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The module knows no echo test: silence alone brings the line back into step."""
+    monkeypatch.setattr(modbus_line, "QUIET", 0.6)  # longer than a busy machine is late
+    request, reply = coils(0b10000)
+    assert isinstance(reply, bytes)
+    second, closed = coils(0)
+    assert isinstance(closed, bytes)
+    # Asked again at once, the late reply would come before the one that was asked for.
+    with line_to(converse((request, Late(0.8, reply)), (second, Late(0.4, closed))), timeout=0.5) as line:
+        assert not shutter(line, feedback_input=None).is_open()

@@ -140,3 +140,15 @@ def test_a_broken_facility_in_the_header_is_named(tmp_path: Path) -> None:
         journal.record("point", index=0, **reading(geometry(40.0), 0.5, 10.0))
     with pytest.raises(InputError, match="header: facility"):
         rebuild_run(tmp_path)
+
+
+def test_every_component_says_how_its_errors_belong_together(tmp_path: Path) -> None:
+    """Noise is new at every point, the rest moves all points together; of stability nobody knows."""
+    run = rebuild_run(four_points(tmp_path))
+    forms = {name: run[name].attrs.get("err_corr_1_form") for name in run["brf"].attrs["unc_comps"]}
+    assert len(forms) == 12
+    assert forms.pop("u_brf_noise") == "random"
+    assert forms.pop("u_brf_stability") is None
+    assert set(forms.values()) == {"systematic"}
+    assert {run[name].attrs["err_corr_1_dim"] for name in forms} == {"point"}
+    assert all(len(run[name].attrs["err_corr_1_params"]) == 0 for name in forms)

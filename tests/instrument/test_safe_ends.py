@@ -179,3 +179,35 @@ def test_live_values_are_those_of_the_run_file_after_a_second_calibration() -> N
     assert [u for _, u in live] == pytest.approx(run["u_brf"].values.tolist(), rel=1e-12)
     flux = lambertian_flux(FACILITY, 0.0, [point.sensor_zenith for point in plan.points[:2]], 0.0)
     assert live[0][0] * flux[0] == pytest.approx(live[1][0] * flux[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("shutter_open", [True, False])
+def test_light_that_goes_out_during_a_reading_costs_the_reading_not_the_point(
+    tmp_path: Path, shutter_open: bool
+) -> None:
+    """In the midst of the burst, or after it: nobody knows how much light a reading had whose source went out."""
+    s = stage(tmp_path)
+    bench = s.bench
+
+    def trip() -> None:
+        if bench.shutter.opened is shutter_open and len(measured) == 1 and not bench.source.trouble:
+            bench.detector.noise = 0.0
+            bench.detector.on_read = lambda: None
+            bench.source.trip("interlock open: door")
+
+    measured: list[int] = []
+    s.when(lambda event: isinstance(event, PointMeasured), lambda: measured.append(1))
+    s.when(at_point(1), lambda: setattr(bench.detector, "on_read", trip))
+
+    def back(event: Event) -> None:
+        if isinstance(event, StateChanged) and event.new == "suspended":
+            bench.source.trouble = ""
+            s.engine.resume()
+
+    s.bus.subscribe(back, "person")
+    end = s.run()
+    assert (end.outcome, end.done) == ("finished", 3)
+    assert "suspended" in [event.new for event in s.events(StateChanged)]
+    assert s.events(PointSkipped) == []
+    assert [event.quality_flag for event in s.events(PointMeasured)] == [0, 8, 0]
+    assert [event.brf for event in s.events(PointMeasured)][1] == pytest.approx(0.4, rel=0.2)
