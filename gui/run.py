@@ -13,7 +13,7 @@ from PySide6.QtCore import QSettings, QTimer
 from gui.application import start_application
 from gui.control import Controller, Listener, SessionController
 from gui.window import MainWindow
-from instrument.errors import EXIT_DONE, InputError
+from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE, InputError
 from instrument.session import ScanRequest
 
 
@@ -75,7 +75,7 @@ def run(options: Options, screenshot: Path | None = None) -> int:
     Returns
     -------
     int
-        Exit status.
+        Exit status: 1 where the screen was lost; a scan that was running has then ended in an orderly way.
     """
     options.check()
     if screenshot is not None:
@@ -85,8 +85,11 @@ def run(options: Options, screenshot: Path | None = None) -> int:
     if screenshot is not None:  # as a first start, whatever the person of this machine has chosen
         settings = QSettings(os.devnull, QSettings.Format.IniFormat)
 
+    controllers: list[SessionController] = []
+
     def controller(listener: Listener, plan: Path | None) -> Controller:
-        return SessionController(options.request(plan), listener)
+        controllers.append(SessionController(options.request(plan), listener))
+        return controllers[-1]
 
     laboratory = f"simulated laboratory, {options.speed:g} times faster" if options.simulate else str(options.devices)
     window = MainWindow(controller, settings, options.plan, laboratory, plan_needed=not options.simulate)
@@ -98,9 +101,12 @@ def run(options: Options, screenshot: Path | None = None) -> int:
         photographer = Photographer(window, screenshot)
         application.exec()
         return photographer.status
-    application.exec()
+    status = application.exec()
     heart.stop()
-    return EXIT_DONE
+    for left in controllers:  # none runs, unless the screen was lost with the window
+        left.abort()
+        left.join()
+    return EXIT_DONE if status == 0 else EXIT_INCOMPLETE
 
 
 def obey_signals(window: MainWindow) -> QTimer:

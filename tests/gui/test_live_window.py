@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -186,3 +190,36 @@ def test_the_person_at_the_window_changes_the_sample(open_window: Callable[..., 
         qtbot.mouseClick(banner.done, Qt.MouseButton.LeftButton)  # type: ignore[attr-defined]
         qtbot.waitUntil(lambda: not banner.isVisible(), timeout=LONG)
     qtbot.waitUntil(lambda: window.model.measured >= 1, timeout=LONG)
+
+
+LOST = """
+import sys
+from pathlib import Path
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+import gui.run
+from gui.window import MainWindow
+
+class Lost(MainWindow):
+    def __init__(self, *given, **more):
+        super().__init__(*given, **more)
+        self.bridge.changed.connect(lambda _: self.model.measured >= 2 and QApplication.exit(1))
+        QTimer.singleShot(0, lambda: self.do("start"))
+
+gui.run.MainWindow = Lost
+plan, out = map(Path, sys.argv[1:])
+sys.exit(gui.run.run(gui.run.Options(plan, True, 200.0, 1, None, None, None, None, out, False)))
+"""
+
+
+def test_a_scan_ends_in_an_orderly_way_when_the_screen_is_lost(tmp_path: Path) -> None:
+    """Qt leaves its loop then, with the window open and the scan running."""
+    plan, out = tmp_path / "short.toml", tmp_path / "run"
+    plan.write_text(PLAN)
+    environment = os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
+    command = [sys.executable, "-c", LOST, str(plan), str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200, env=environment, check=False)
+    assert done.returncode == 1, done.stderr
+    ended = [json.loads(line) for line in (out / "journal.jsonl").read_text().splitlines()]
+    assert [entry["outcome"] for entry in ended if entry["kind"] == "ended"] == ["aborted"]
+    assert ended[-1]["new"] == "aborted"
