@@ -1,0 +1,325 @@
+"""The state vector: every input of a prediction that has an uncertainty (paper, section II-H).
+
+A block declares parameters of one kind: names, unit, nominal values, standard uncertainties, the row of the budget they
+belong to, and how their values change what the twin is made from. Parameters are independent and normal; what the
+coupon run says about correlated errors is written with independent ones (:mod:`twin.coupon_errors`). A new parameter is
+one more line in :func:`_instrument`, or one more block in :func:`state_vector`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from instrument.angles import FloatArray
+from instrument.artifact import ArtifactDimensions, read_artifact
+from instrument.errors import InputError
+from instrument.facility import Facility, read_facility
+from twin.coupon import from_coupon
+from twin.coupon_errors import Unstated, coupon_components
+from twin.material import Material, open_netcdf, read_material
+from twin.optics import Setup
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What one evaluation of the twin is made from.
+
+    Attributes
+    ----------
+    setup
+        What is off in the instrument or in the sample's place.
+    artifact
+        Dimensions.
+    coupon_error, shape (coupon point,)
+        Error of the coupon's reflectance factors; None for none.
+    """
+
+    setup: Setup
+    artifact: ArtifactDimensions
+    coupon_error: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Block:
+    """Independent parameters of one kind; arrays have shape (parameter,).
+
+    Attributes
+    ----------
+    name, labels
+        Of the block and of its parameters.
+    source
+        Row of the uncertainty budget.
+    unit
+        Of values and uncertainties.
+    nominal, standard_uncertainty
+        k = 1.
+    apply
+        Returns inputs with these values, shape (parameter,), in place of the nominal ones.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    source: str
+    unit: str
+    nominal: FloatArray
+    standard_uncertainty: FloatArray
+    apply: Callable[[Inputs, FloatArray], Inputs]
+
+    def __len__(self) -> int:
+        return len(self.nominal)
+
+
+@dataclass(frozen=True)
+class StateVector:
+    """All uncertain inputs of a prediction.
+
+    Attributes
+    ----------
+    facility, nominal_inputs, nominal_material
+        The twin at the nominal values.
+    blocks
+        In the order of the vector; blocks without uncertainty are left out.
+    coupon
+        The run that the material was made from; None for a ready table, which states no uncertainty.
+    notes
+        What was assumed, and what is not propagated.
+    """
+
+    facility: Facility
+    nominal_inputs: Inputs
+    nominal_material: Material
+    blocks: tuple[Block, ...]
+    coupon: xr.Dataset | None = None
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return sum(len(block) for block in self.blocks)
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Nominal values, shape (parameter,)."""
+        return _joined([block.nominal for block in self.blocks])
+
+    @property
+    def standard_uncertainty(self) -> FloatArray:
+        """Standard uncertainties (k = 1), shape (parameter,)."""
+        return _joined([block.standard_uncertainty for block in self.blocks])
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(label for block in self.blocks for label in block.labels)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Rows of the budget, in order."""
+        return tuple(dict.fromkeys(block.source for block in self.blocks))
+
+    def slices(self) -> Iterator[tuple[Block, slice]]:
+        """Every block and its place in the vector."""
+        start = 0
+        for block in self.blocks:
+            yield block, slice(start, start + len(block))
+            start += len(block)
+
+    def of_source(self, source: str) -> np.ndarray:
+        """Indices of the parameters of one row of the budget."""
+        return np.concatenate([np.arange(s.start, s.stop) for block, s in self.slices() if block.source == source])
+
+    def draw(self, seed: int, count: int) -> FloatArray:
+        """Draw values of the whole vector, shape (count, parameter)."""
+        z = np.random.default_rng(seed).standard_normal((count, len(self)))
+        return np.asarray(self.nominal + self.standard_uncertainty * z)
+
+    def inputs(self, values: FloatArray) -> Inputs:
+        """What the twin is made from at these values, shape (parameter,); nominal parts are shared, not copied.
+
+        Raises
+        ------
+        InputError
+            For dimensions that no artifact can have, because an uncertainty is too large.
+        """
+        inputs = self.nominal_inputs
+        for block, place in self.slices():
+            if np.any(values[place] != block.nominal):
+                inputs = block.apply(inputs, values[place])
+        if inputs.artifact is not self.nominal_inputs.artifact:
+            _check_artifact(inputs.artifact)
+        return inputs
+
+    def material(self, coupon_error: FloatArray | None) -> Material:
+        """The material as the coupon run would give it with these errors, shape (coupon point,)."""
+        if coupon_error is None or self.coupon is None:
+            return self.nominal_material
+        brf = self.coupon["brf"]
+        return from_coupon(self.coupon.assign(brf=brf + coupon_error), self.nominal_material.name)
+
+
+def state_vector(
+    facility: Facility,
+    artifact: ArtifactDimensions,
+    material: Material,
+    coupon: xr.Dataset | None = None,
+    *,
+    setup: Setup | None = None,
+    unstated: Unstated = "slice",
+) -> StateVector:
+    """Collect every input that has an uncertainty.
+
+    Parameters
+    ----------
+    facility, artifact, material
+        The nominal twin, as for :class:`~twin.prediction.Twin`.
+    coupon
+        The run that ``material`` was made from. None: the material is taken as known.
+    setup
+        Nominal place of instrument and sample, single numbers.
+    unstated
+        Correlation of components of the coupon run that state none.
+    """
+    notes = []
+    blocks = _instrument(facility, setup or Setup())
+    if artifact.mesh is not None:
+        notes.append("the sample is a mesh: its dimensions have no stated uncertainty")
+    elif len(artifact.holes):
+        blocks += _artifact(artifact)
+    if coupon is None:
+        notes.append("the material is a table: its uncertainty is not stated and not propagated")
+    else:
+        for component in coupon_components(coupon, material.name, unstated):
+            blocks.append(_material(component.name, component.modes))
+            if component.assumed:
+                notes.append(f"material {component.assumed}")
+    kept = tuple(block for block in blocks if np.any(block.standard_uncertainty > 0))
+    return StateVector(facility, Inputs(setup or Setup(), artifact), material, kept, coupon, tuple(notes))
+
+
+def state_vector_from_files(
+    facility: Path, artifact: Path, material: Path, *, unstated: Unstated = "slice"
+) -> StateVector:
+    """:func:`state_vector` of a twin's three files; an :class:`~instrument.errors.InputError` names what is wrong."""
+    surface = read_material(material)
+    return state_vector(
+        read_facility(facility), read_artifact(artifact), surface, coupon_of(material), unstated=unstated
+    )
+
+
+def coupon_of(material: Path) -> xr.Dataset | None:
+    """The coupon run that a material file holds; None where it holds a ready table."""
+    if material.suffix.lower() != ".csv" and "brdf" in open_netcdf(material):
+        return None
+    from instrument.dataset import read_run
+
+    return read_run(material)
+
+
+def _instrument(facility: Facility, setup: Setup) -> list[Block]:
+    """Instrument and sample placement: one line a parameter, (name, unit, standard uncertainty, field of the setup)."""
+    arms, sample, beam, sensor = facility.arms, facility.sample, facility.beam, facility.sensor
+    rows = [
+        ("illumination zenith", "degree", arms.u_illumination_zenith, "illumination_zenith_deg"),
+        ("sensor zenith", "degree", arms.u_sensor_zenith, "sensor_zenith_deg"),
+        ("sensor azimuth", "degree", arms.u_sensor_azimuth, "sensor_azimuth_deg"),
+        ("sample azimuth", "degree", sample.u_azimuth, "sample_azimuth_deg"),
+        ("sample tilt x", "degree", sample.u_tilt, "tilt_x_deg"),
+        ("sample tilt y", "degree", sample.u_tilt, "tilt_y_deg"),
+        ("sample height", "mm", sample.u_height, "height_mm"),
+        ("sample offset x", "mm", sample.u_offset, "offset_x_mm"),
+        ("sample offset y", "mm", sample.u_offset, "offset_y_mm"),
+        ("beam radius", "mm", beam.u_diameter / 2, "beam_radius_mm"),
+        ("target radius", "mm", sensor.u_target_diameter / 2, "target_radius_mm"),
+    ]
+    blocks = [_single(name, unit, float(getattr(setup, field)), u, _set_field(field)) for name, unit, u, field in rows]
+    divergence = beam.divergence + float(setup.divergence_deg)
+
+    def diverge(inputs: Inputs, values: FloatArray) -> Inputs:
+        # A spread has no sign: values beyond zero fold back.
+        return replace(
+            inputs, setup=replace(inputs.setup, divergence_deg=abs(float(values[0])) - facility.beam.divergence)
+        )
+
+    return [*blocks, _single("beam divergence", "degree", divergence, beam.u_divergence, diverge)]
+
+
+def _set_field(field: str) -> Callable[[Inputs, FloatArray], Inputs]:
+    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
+        change: dict[str, float] = {field: float(values[0])}
+        return replace(inputs, setup=replace(inputs.setup, **change))  # type: ignore[arg-type]
+
+    return apply
+
+
+def _single(name: str, unit: str, nominal: float, u: float, apply: Callable[[Inputs, FloatArray], Inputs]) -> Block:
+    source = {"sample tilt x": "sample tilt", "sample tilt y": "sample tilt"}.get(name, name)
+    source = {"sample offset x": "sample offset", "sample offset y": "sample offset"}.get(source, source)
+    return Block(name, (name,), source, unit, np.array([nominal]), np.array([u]), apply)
+
+
+def _artifact(artifact: ArtifactDimensions) -> list[Block]:
+    form, holes = artifact.form, artifact.holes
+    blocks = []
+    for key, u in (("plate_thickness", form.u_plate_thickness), ("cavity_depth", form.u_cavity_depth)):
+        blocks.append(_single(key.replace("_", " "), "mm", getattr(form, key), u, _set_dimension(key)))
+    for key in ("x", "y", "diameter"):
+        labels = tuple(f"hole {number} {key}" for number in range(len(holes)))
+        nominal, u_holes = getattr(holes, key), getattr(holes, f"u_{key}")
+        blocks.append(Block(f"hole {key}", labels, "hole dimensions", "mm", nominal, u_holes, _set_holes(key)))
+    return blocks
+
+
+def _set_dimension(key: str) -> Callable[[Inputs, FloatArray], Inputs]:
+    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
+        form = inputs.artifact.form.model_copy(update={key: float(values[0])})
+        return replace(inputs, artifact=replace(inputs.artifact, form=form))
+
+    return apply
+
+
+def _set_holes(key: str) -> Callable[[Inputs, FloatArray], Inputs]:
+    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
+        change: dict[str, FloatArray] = {key: np.asarray(values, dtype=float)}
+        return replace(inputs, artifact=replace(inputs.artifact, holes=replace(inputs.artifact.holes, **change)))
+
+    return apply
+
+
+def _material(name: str, modes: FloatArray) -> Block:
+    """Errors of one component of the coupon run, in units of their standard uncertainty."""
+
+    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
+        error = np.asarray(modes @ values)
+        return replace(inputs, coupon_error=error if inputs.coupon_error is None else inputs.coupon_error + error)
+
+    count = modes.shape[1]
+    title = f"material {name.replace('_', ' ')}"
+    labels = (title,) if count == 1 else tuple(f"{title} {number}" for number in range(count))
+    return Block(title, labels, title, "1", np.zeros(count), np.ones(count), apply)
+
+
+def _check_artifact(artifact: ArtifactDimensions) -> None:
+    form, holes = artifact.form, artifact.holes
+    if not 0 < form.plate_thickness < form.cavity_depth:
+        raise InputError(
+            f"{artifact.source}: within its uncertainty, plate_thickness ({form.plate_thickness:.4g} mm) would not lie"
+            f" between 0 and cavity_depth ({form.cavity_depth:.4g} mm); expected smaller uncertainties"
+        )
+    if np.any(holes.diameter <= 0):
+        raise InputError(f"{artifact.source}: within its uncertainty, a hole's diameter would not be positive")
+    gap = np.hypot(holes.x[:, None] - holes.x, holes.y[:, None] - holes.y)
+    gap -= (holes.diameter[:, None] + holes.diameter) / 2
+    np.fill_diagonal(gap, np.inf)
+    if np.any(gap <= 0):
+        first, second = np.unravel_index(int(np.argmin(gap)), gap.shape)
+        raise InputError(
+            f"{artifact.source}: within their uncertainty, holes {first} and {second} would overlap;"
+            " expected smaller uncertainties"
+        )
+
+
+def _joined(arrays: list[FloatArray]) -> FloatArray:
+    return np.concatenate(arrays) if arrays else np.zeros(0)
