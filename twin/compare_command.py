@@ -10,6 +10,8 @@ import typer
 if TYPE_CHECKING:
     import xarray as xr
 
+    from twin.comparison import Comparison
+
 
 def compare_command(
     run: Annotated[
@@ -35,30 +37,23 @@ def compare_command(
     The prediction is the file named PREDICTION, or it is computed from --artifact, --material and --facility; of a
     run folder, what lies in it is used where nothing is named.
     """
-    from instrument.errors import EXIT_BAD_INPUT, InputError
-
-    try:
-        _check_outputs(json, figures, standard_error)
-        inputs = {"artifact": artifact, "material": material, "facility": facility}
-        run_file, prediction, inputs = _resolve(run, prediction, inputs)
-        _compare(run_file, prediction, inputs, json, figures, standard_error, seed)
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
+    _check_outputs(json, figures, standard_error)
+    inputs = {"artifact": artifact, "material": material, "facility": facility}
+    run_file, prediction, inputs = _resolve(run, prediction, inputs)
+    _compare(run_file, prediction, inputs, json, figures, standard_error, seed)
 
 
 def _check_outputs(json: Path | None, figures: Path | None, standard_error: float) -> None:
     """Before any work: what would fail only at its end."""
     from instrument.errors import InputError
+    from instrument.output import check_writable
 
     if not 1e-6 <= standard_error < 1:
         raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
-    if json is not None and json.is_dir():
-        raise InputError(f"--json: {json}: is a folder; expected the name of a file")
-    if json is not None and not json.parent.is_dir():
-        raise InputError(f"--json: {json}: there is no folder {json.parent}")
+    if json is not None:
+        check_writable(json)
     if figures is not None and figures.exists() and not figures.is_dir():
-        raise InputError(f"--figures: {figures}: is a file; expected a folder")
+        raise InputError(f"{figures}: is a file; expected a folder for the figures")
 
 
 def _resolve(
@@ -108,29 +103,44 @@ def _compare(
 ) -> None:
     from rich.console import Console
 
-    from instrument.dataset import read_prediction, read_run
+    from instrument.dataset import capabilities, read_run
+    from instrument.output import write_json
     from twin.comparison import compare
     from twin.tables import comparison_tables
 
     run = read_run(run_file)
-    if prediction_file is not None:
-        prediction = read_prediction(prediction_file)
-    else:
-        prediction = _predict(run, inputs, standard_error, seed)
-    comparison = compare(run, prediction)
+    predicted = _read(prediction_file) if prediction_file else _predict(run, inputs, standard_error, seed)
+    comparison = compare(run, predicted)
     console = Console()
     for table in comparison_tables(comparison):
         console.print(table)
+    for lack in capabilities(run):
+        console.print(f"{run_file.name}: {lack}", markup=False, highlight=False)
     if json is not None:
-        from twin.summary import write_comparison
-
-        write_comparison(comparison, json)
+        write_json(json, comparison.to_dict())
         typer.echo(f"written: {json}")
     if figures is not None:
-        from twin.figures import draw_planes
+        typer.echo(f"written: {_draw(comparison, figures)} figures in {figures}")
 
-        written = draw_planes(comparison, figures)
-        typer.echo(f"written: {len(written)} figures in {figures}")
+
+def _draw(comparison: Comparison, folder: Path) -> int:
+    from instrument.errors import InputError
+    from twin.figures import draw_planes
+
+    try:
+        return len(draw_planes(comparison, folder))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def _read(file: Path) -> xr.Dataset:
+    from instrument.dataset import read_prediction
+    from instrument.errors import InputError
+
+    prediction = read_prediction(file)
+    if "u_brf_monte_carlo" not in prediction:
+        raise InputError(f"{file}: u_brf_monte_carlo: missing; expected the standard error of the ray tracer")
+    return prediction
 
 
 def _predict(run: xr.Dataset, inputs: dict[str, Path | None], standard_error: float, seed: int) -> xr.Dataset:

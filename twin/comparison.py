@@ -5,7 +5,6 @@ The JSON form is the section Comparison of the data contract.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -114,10 +113,6 @@ class Comparison:
             "monte_carlo": {"median_relative_standard_error": _number(self.median_relative_standard_error)},
         }
 
-    def to_json(self) -> str:
-        """``comparison.json`` as text."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-
 
 def compare(measurement: xr.Dataset, prediction: xr.Dataset, *, notes: tuple[str, ...] = ()) -> Comparison:
     """Compare a run with a prediction of the same points.
@@ -144,6 +139,8 @@ def compare(measurement: xr.Dataset, prediction: xr.Dataset, *, notes: tuple[str
     points = _point_table(measurement.isel(point=rows), matched, rows)
     if np.array_equal(points.u_simulated.values, points.u_monte_carlo.values):
         remarks.append(MONTE_CARLO_ONLY)
+    if material := prediction.attrs.get("material"):
+        remarks.append(f"The twin's {material}.")
     in_plane = _in_plane(points)
     return Comparison(
         points=points,

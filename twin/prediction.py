@@ -117,7 +117,7 @@ class Twin:
         columns = geometry_columns(geometries)
         seed = self.seed if seed is None else seed
         estimate = self.estimate(columns, standard_error=standard_error, samples=samples, seed=seed, setup=setup)
-        return _dataset(geometries, columns, estimate, seed)
+        return _dataset(geometries, columns, estimate, seed).assign_attrs(material=self.material.describe())
 
     def estimate(
         self,

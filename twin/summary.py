@@ -11,8 +11,8 @@ import xarray as xr
 
 from instrument.dataset import read_run, write_prediction
 from instrument.events import Geometry
-from instrument.files import write_atomically
-from twin.comparison import Comparison, compare
+from instrument.output import write_json
+from twin.comparison import compare
 from twin.figures import draw_planes
 from twin.matching import GEOMETRY, find_points
 from twin.tables import comparison_tables
@@ -54,16 +54,17 @@ def summarise(
     if not run_file.exists():
         raise NothingToCompare(f"{run_file}: no such file")
     run = read_run(run_file)
-    rows = find_points(run, prediction_dataset(points, values, attributes))
+    prediction = prediction_dataset(points, values, attributes)
+    rows = find_points(run, prediction)
     if not np.any(rows >= 0):
         raise NothingToCompare(f"none of the {len(rows)} measured points has a prediction")
     run = run.isel(point=np.flatnonzero(rows >= 0))
-    predicted = prediction_dataset(points, values, attributes).isel(point=rows[rows >= 0])
+    predicted = prediction.isel(point=rows[rows >= 0])
     write_prediction(predicted, run_dir / "prediction.nc")
     unpredicted = int(np.count_nonzero(rows < 0))
     extra = (f"{unpredicted} measured points have no prediction and are left out.",) if unpredicted else ()
     comparison = compare(run, predicted, notes=extra)
-    write_comparison(comparison, run_dir / "comparison.json")
+    write_json(run_dir / "comparison.json", comparison.to_dict())
     draw_planes(comparison, run_dir / "figures")
     return comparison_tables(comparison)
 
@@ -78,9 +79,3 @@ def prediction_dataset(
     }
     columns = {name: ("point", np.array([values[i][name] for i in order], dtype=float)) for name in PREDICTED}
     return xr.Dataset(columns, coords=coordinates, attrs=dict(attributes))
-
-
-def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write ``comparison.json``; the old file stays until the new one is complete."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, comparison.to_json().encode())

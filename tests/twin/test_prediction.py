@@ -39,6 +39,7 @@ def test_a_prediction_has_the_form_of_the_data_contract(twin: Twin, tmp_path: Pa
     prediction = twin.predict(POINTS, standard_error=0.01)
     assert set(prediction.data_vars) == {"brf", "u_brf", "u_brf_monte_carlo"}
     assert "Monte Carlo" in prediction.attrs["u_brf_contains"] or "ray tracer" in prediction.attrs["u_brf_contains"]
+    assert prediction.attrs["material"] == twin.material.describe()
     np.testing.assert_array_equal(prediction.u_brf, prediction.u_brf_monte_carlo)
     write_prediction(prediction, tmp_path / "prediction.nc")
     again = read_prediction(tmp_path / "prediction.nc")
