@@ -18,6 +18,18 @@ def predict_command(
     out: Annotated[Path, typer.Option(help="Where the prediction goes.")] = Path("prediction.nc"),
     standard_error: Annotated[float, typer.Option(help="Relative Monte Carlo error to reach.")] = 0.001,
     seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
+    uncertainty: Annotated[
+        bool, typer.Option("--uncertainty", help="Propagate the uncertainty of every input.")
+    ] = False,
+    draws: Annotated[
+        int, typer.Option(min=0, help="With --uncertainty: Monte Carlo draws of all inputs, instead of sensitivities.")
+    ] = 0,
+    unstated: Annotated[
+        str,
+        typer.Option(
+            help="With --uncertainty: correlation of coupon errors that state none: common, slice or independent."
+        ),
+    ] = "slice",
 ) -> None:
     """Predict the reflectance factor of every point of a plan or of a run by ray tracing."""
     from instrument.errors import EXIT_BAD_INPUT, InputError
@@ -26,7 +38,10 @@ def predict_command(
         if not 1e-6 <= standard_error < 1:
             raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
         _check_writable(out)
-        _predict(plan_or_run, artifact, material, facility, out, standard_error, seed)
+        if uncertainty:
+            _propagate(plan_or_run, artifact, material, facility, out, standard_error, seed, draws, unstated)
+        else:
+            _predict(plan_or_run, artifact, material, facility, out, standard_error, seed)
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(EXIT_BAD_INPUT) from None
@@ -62,8 +77,60 @@ def _predict(
     started = time.perf_counter()
     prediction = twin.predict(geometries, standard_error=standard_error)
     elapsed = time.perf_counter() - started
-    prediction.attrs["inputs"] = f"facility {facility.name}, artifact {artifact.name}, material {material.name}"
+    prediction.attrs["inputs"] = _inputs(facility, artifact, material)
     write_prediction(prediction, out)
+    _say(prediction, elapsed, out)
+
+
+def _propagate(
+    plan_or_run: Path,
+    artifact: Path,
+    material: Path,
+    facility: Path,
+    out: Path,
+    standard_error: float,
+    seed: int,
+    draws: int,
+    unstated: Any,
+) -> None:
+    import time
+
+    from rich.console import Console
+
+    from instrument.dataset import write_prediction
+    from instrument.errors import InputError
+    from twin.budget_table import budget_table
+    from twin.propagation_dataset import propagate
+    from twin.state_vector import state_vector_from_files
+
+    if draws == 1:
+        raise InputError("--draws: found 1; expected at least 2, or 0 for sensitivities")
+    state = state_vector_from_files(facility, artifact, material, unstated=unstated)
+    geometries = _geometries(plan_or_run, state.facility)
+    typer.echo(state.nominal_material.describe())
+    typer.echo(f"{len(state)} uncertain inputs from {len(state.sources)} sources")
+    for note in state.notes:
+        typer.echo(f"note: {note}")
+    started = time.perf_counter()
+    prediction = propagate(
+        state,
+        geometries,
+        standard_error=standard_error,
+        draws=draws,
+        seed=seed,
+        progress=lambda text: typer.echo(text, err=True),
+    )
+    prediction.attrs["inputs"] = _inputs(facility, artifact, material)
+    write_prediction(prediction, out)
+    Console().print(budget_table(prediction, state))
+    _say(prediction, time.perf_counter() - started, out)
+
+
+def _inputs(facility: Path, artifact: Path, material: Path) -> str:
+    return f"facility {facility.name}, artifact {artifact.name}, material {material.name}"
+
+
+def _say(prediction: Any, elapsed: float, out: Path) -> None:
     relative = prediction["u_brf_monte_carlo"] / prediction["brf"]
     typer.echo(
         f"{prediction.sizes['point']} points in {elapsed:.1f} s, relative Monte Carlo error"

@@ -1,0 +1,218 @@
+"""The plan, rendered for many values of the inputs with the same random numbers.
+
+Whatever differs in instrument, sample placement or material goes into one launch; only other dimensions need another
+scene. With common random numbers the ray tracer's error nearly cancels from differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from instrument.angles import FloatArray
+from instrument.artifact import ArtifactDimensions
+from instrument.facility import Facility
+from instrument.lambertian import lambertian_flux
+from twin.artifact import Surface, SurfaceMesh, build_mesh
+from twin.material import Material
+from twin.optics import Setup, lay_out, reference_change
+from twin.state_vector import Inputs, StateVector
+from twin.tracer import RANDOMISATIONS, Tracer
+
+#: Fields of a setup that change the reference reading, apart from angles and radii, and are known to do so.
+_DISPLACED = ("sensor_runout_mm", "beam_x_mm", "beam_y_mm")
+_REFERENCE_FIELDS = (
+    "illumination_zenith_deg",
+    "sensor_zenith_deg",
+    "sensor_azimuth_deg",
+    "beam_radius_mm",
+    "target_radius_mm",
+    "mirror_radius_mm",
+)
+#: Evaluations of one scene that share a launch.
+_BATCH = 64
+
+
+class PlanRenderer:
+    """Renders one plan at values of the state vector.
+
+    Parameters
+    ----------
+    state
+        Nominal inputs, and how a coupon's errors change the material.
+    columns
+        Commanded geometries, from :func:`~twin.optics.geometry_columns`.
+    seed
+        Of the random numbers, the same for every evaluation.
+    surface_factor
+        As for :class:`~twin.prediction.Twin`.
+    """
+
+    def __init__(
+        self,
+        state: StateVector,
+        columns: dict[str, FloatArray],
+        *,
+        seed: int,
+        surface_factor: dict[Surface, float] | None = None,
+    ) -> None:
+        self.state, self.columns, self.seed = state, columns, seed
+        self._surface_factor = surface_factor
+        self._nominal_reference = float(np.mean(_reference_flux(state.facility, Setup())))
+        self._reference: dict[tuple[float, ...], float] = {}
+        self._mesh = build_mesh(state.nominal_inputs.artifact)
+        self._tables = state.nominal_material.table_index(columns["wavelength"])
+        self._flux = lambertian_flux(
+            state.facility,
+            columns["illumination_zenith"],
+            columns["sensor_zenith"],
+            columns["sensor_azimuth"],
+            illumination_azimuth=columns["illumination_azimuth"],
+        )
+
+    @property
+    def points(self) -> int:
+        """Number of geometries."""
+        return len(self._flux)
+
+    def render(
+        self, values: Sequence[FloatArray] | FloatArray, samples: int, progress: Callable[[int], None] | None = None
+    ) -> FloatArray:
+        """Reflectance factors at values of the whole vector.
+
+        Parameters
+        ----------
+        values
+            One array of shape (parameter,) an evaluation.
+        samples
+            Sight lines of a point, in all; rounded up to a power of two in each randomisation. Evaluations with the
+            same number have the same random numbers.
+        progress
+            Told the number of evaluations just done.
+
+        Returns
+        -------
+        array, shape (evaluation, point, RANDOMISATIONS)
+        """
+        each = 1 << max(0, int(np.ceil(np.log2(samples / RANDOMISATIONS))))
+        result = np.empty((len(values), self.points, RANDOMISATIONS))
+        inputs = [self.state.inputs(np.asarray(value, dtype=float)) for value in values]
+        groups: dict[int, list[int]] = {}
+        for number, member in enumerate(inputs):
+            groups.setdefault(id(member.artifact), []).append(number)
+        for members in groups.values():
+            for start in range(0, len(members), _BATCH):
+                chosen = members[start : start + _BATCH]
+                result[chosen] = self._launch([inputs[number] for number in chosen], each)
+                if progress is not None:
+                    progress(len(chosen))
+        return result
+
+    def _launch(self, members: list[Inputs], samples: int) -> FloatArray:
+        """Evaluate inputs that share an artifact, shape (member, point, RANDOMISATIONS)."""
+        count, points = len(members), self.points
+        tracer, first_table = self._tracer(members)
+        columns = {name: np.tile(column, count) for name, column in self.columns.items()}
+        layout = lay_out(self.state.facility, columns, _side_by_side([m.setup for m in members], points))
+        radiance = tracer.radiance(
+            layout,
+            (first_table[:, None] + self._tables).ravel(),
+            samples,
+            seed=self.seed,
+            keys=np.tile(np.arange(points, dtype=np.uint32), count),
+        )
+        change = np.array([self._reference_change(member.setup) for member in members])
+        return radiance.reshape(count, points, RANDOMISATIONS) / (change[:, None] * self._flux)[..., None]
+
+    def _tracer(self, members: list[Inputs]) -> tuple[Tracer, np.ndarray]:
+        """A tracer that holds every member's material, and where each member's tables begin."""
+        materials: dict[int, Material] = {}
+        for member in members:
+            if id(member.coupon_error) not in materials:
+                materials[id(member.coupon_error)] = self.state.material(member.coupon_error)
+        place = {key: number for number, key in enumerate(materials)}
+        first = np.array([place[id(member.coupon_error)] for member in members])
+        stack = np.concatenate([material.brdf for material in materials.values()])
+        axes = next(iter(materials.values()))
+        together = Material(
+            axes.cos_o, axes.phi_rad, axes.cos_i, stack, np.arange(len(stack), dtype=float), name=axes.name
+        )
+        mesh = self._mesh_of(members[0].artifact)
+        tracer = Tracer(mesh, together, surface_factor=self._surface_factor)
+        return tracer, first * len(axes.brdf)
+
+    def _mesh_of(self, artifact: ArtifactDimensions) -> SurfaceMesh:
+        return self._mesh if artifact is self.state.nominal_inputs.artifact else build_mesh(artifact)
+
+    def _reference_change(self, setup: Setup) -> float:
+        """Reference reading with an instrument that is off, over that of the nominal one, to 1e-5.
+
+        The quadrature over the exact limits of beam and footprint: unlike sampled ones it follows small changes.
+        """
+        if any(getattr(setup, name) != 0 for name in _DISPLACED) or np.isfinite(setup.source_distance_mm):
+            return reference_change(self.state.facility, setup)
+        key = tuple(float(getattr(setup, name)) for name in _REFERENCE_FIELDS)
+        if key not in self._reference:
+            self._reference[key] = float(np.mean(_reference_flux(self.state.facility, setup))) / self._nominal_reference
+        return self._reference[key]
+
+
+def _reference_flux(facility: Facility, setup: Setup) -> FloatArray:
+    """Flux of a flat Lambertian reference in place, by azimuth of the reference reading."""
+    beam, sensor, reference = facility.beam, facility.sensor, facility.reference
+    changed: dict[str, float] = {"target_diameter": sensor.target_diameter + 2 * setup.target_radius_mm}
+    if sensor.mirror_diameter > 0:
+        changed["mirror_diameter"] = sensor.mirror_diameter + 2 * setup.mirror_radius_mm
+    off: dict[str, Any] = {"sensor": sensor.model_copy(update=changed)}
+    if beam.diameter != "unbounded":
+        off["beam"] = beam.model_copy(update={"diameter": beam.diameter + 2 * setup.beam_radius_mm})
+    return lambertian_flux(
+        facility.model_copy(update=off),
+        reference.illumination_zenith + setup.illumination_zenith_deg,
+        reference.sensor_zenith + setup.sensor_zenith_deg,
+        np.array(reference.sensor_azimuth) + setup.sensor_azimuth_deg,
+    )
+
+
+def measurement_function(renderer: PlanRenderer, samples: int) -> Callable[..., FloatArray]:
+    """The twin as a function ``f(*inputs) -> brf``, the form that punpy propagates through.
+
+    The inputs are the blocks of the state vector in their order, one array of shape (parameter,) each, and the result
+    has shape (point,). With punpy::
+
+        f = measurement_function(renderer, samples=2**14)
+        nominal, u = punpy_inputs(renderer.state)
+        u_brf = punpy.MCPropagation(500).propagate_random(f, nominal, u)
+
+    Parameters of a block are independent, which punpy calls random; correlated errors of the coupon are blocks of
+    independent ones already. The result holds the ray tracer's noise, which :func:`~twin.propagation.by_draws` removes:
+    choose ``samples`` accordingly.
+    """
+
+    def f(*inputs: ArrayLike) -> FloatArray:
+        sizes = [len(block) for block in renderer.state.blocks]
+        arrays = [np.atleast_1d(np.asarray(values, dtype=float)) for values in inputs]
+        if [array.shape for array in arrays] != [(size,) for size in sizes]:
+            raise ValueError(f"inputs: found shapes {[a.shape for a in arrays]}; expected {[(n,) for n in sizes]}")
+        return np.asarray(renderer.render([np.concatenate(arrays)], samples)[0].mean(axis=-1))
+
+    return f
+
+
+def punpy_inputs(state: StateVector) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Nominal values and standard uncertainties of the blocks, for :func:`measurement_function`."""
+    return [block.nominal for block in state.blocks], [block.standard_uncertainty for block in state.blocks]
+
+
+def _side_by_side(setups: list[Setup], points: int) -> Setup:
+    """One setup for all: each field with a value a point, one evaluation after the other."""
+    values = {
+        field.name: np.repeat([float(getattr(setup, field.name)) for setup in setups], points)
+        for field in fields(Setup)
+        if field.name != "square_target"
+    }
+    return Setup(**values, square_target=setups[0].square_target)
