@@ -233,7 +233,10 @@ class PredictionWorker:
         with self._lock:
             if self._closed:
                 raise WorkerCrashed("the prediction worker is closed")
-            self._process = process = _Process()
+            try:
+                self._process = process = _Process()
+            except OSError as error:  # no memory, no process, no file descriptor left: perhaps only for now
+                raise WorkerCrashed(f"the ray tracing process cannot be started: {error.strerror}") from error
         reply = process.ask({"open": self._settings}, self._timeouts.start_s)
         if "failed" in reply:
             process.kill()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -167,6 +168,18 @@ def test_a_process_that_does_not_start_is_ended(worker_of, fake_files):
     fake_files.order(slow_start_s=30.0)
     with pytest.raises(WorkerCrashed, match=r"did not answer within 2 s"):
         worker_of(timeouts=Timeouts(start_s=2.0)).predict([0], [geometry(1.0)], 0.01).result(PATIENCE)
+
+
+def test_a_process_that_cannot_be_started_fails_its_request_and_no_more(worker_of, monkeypatch):
+    def exhausted(*_, **__):
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    worker = worker_of()
+    with monkeypatch.context() as patch:
+        patch.setattr(subprocess, "Popen", exhausted)
+        with pytest.raises(WorkerCrashed, match="cannot be started: Resource temporarily unavailable"):
+            worker.predict([0], [geometry(1.0)], 0.01).result(PATIENCE)
+    assert worker.predict([1], [geometry(1.0)], 0.01).result(PATIENCE).indices == (1,)
 
 
 def test_wrong_files_are_an_input_error(worker_of, fake_files):
