@@ -17,7 +17,6 @@ import numpy as np
 from pydantic import Field
 
 from instrument.angles import FloatArray, angle_between, direction
-from instrument.durations import duration, estimate_duration
 from instrument.errors import InputError
 from instrument.events import Geometry
 from instrument.facility import Arms, Facility
@@ -29,8 +28,6 @@ __all__ = [
     "Plan",
     "PlanForm",
     "describe",
-    "duration",
-    "estimate_duration",
     "is_shadowed",
     "make_plan",
     "read_plan",

@@ -1,15 +1,15 @@
-"""How long moves and plans take."""
+"""How long moves take, one by one and in a plan."""
 
 from __future__ import annotations
 
 import pytest
-from example_runs import facility, geometry
+from example_runs import geometry
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.interfaces import AxisLimits
-from instrument.durations import AXES, duration, estimate_duration, move_time
-from instrument.plan import PlanForm, make_plan
+from instrument.durations import AXES, move_time
+from instrument.safety import Envelope, Pose, check_plan
 
 LIMITS = AxisLimits(-90, 90, velocity=10.0, acceleration=5.0)
 ALL = dict.fromkeys(AXES, LIMITS)
@@ -33,27 +33,10 @@ def test_a_move_integrates_to_its_distance(distance: float, velocity: float, acc
     assert covered == pytest.approx(distance, rel=1e-9)
 
 
-def test_arms_move_one_after_the_other_or_together() -> None:
+def test_arms_move_one_after_the_other_and_a_plan_takes_the_time_of_its_moves() -> None:
     points = [geometry(30.0), geometry(-10.0, sensor_azimuth=20.0)]
-    assert duration(points, ALL, 7.0) == pytest.approx(2 * 7 + 6 + 4)
-    assert duration(points, ALL, 7.0, together=True) == pytest.approx(2 * 7 + 6)
-    assert duration(points, ALL, 7.0, seconds_per_move=0.5) == pytest.approx(2 * 7 + 6 + 4 + 1)
-    assert duration(points, ALL, 7.0, start=geometry(10.0)) == pytest.approx(2 * 7 + 6 + 4 + 4)
-
-
-def test_a_plan_takes_the_time_of_its_points() -> None:
-    form = PlanForm.model_validate(
-        {
-            "version": 1,
-            "grid": [
-                {
-                    "wavelength": [500.0],
-                    "illumination_zenith": [0.0],
-                    "sensor_azimuth": [0.0],
-                    "sensor_zenith": [50.0, 10.0],
-                }
-            ],
-        }
-    )
-    plan = make_plan(form, facility(), "plan.toml")
-    assert estimate_duration(plan, ALL, 20.0) == pytest.approx(46.0)
+    named = [(f"point {index}", point) for index, point in enumerate(points)]
+    checked = check_plan(named, Pose.of(points[0]), Envelope(dict.fromkeys(AXES, (-90.0, 90.0)), 0.0, ALL))
+    # 20 degrees of azimuth in 4 s, then 40 of zenith in 6 s.
+    assert checked.moving_time == pytest.approx(4 + 6)
+    assert [len(legs) for legs in checked.routes] == [0, 2]

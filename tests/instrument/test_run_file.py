@@ -24,6 +24,8 @@ from instrument.dataset import (
     write_run,
 )
 from instrument.errors import InputError
+from instrument.run_check import checked
+from instrument.run_schema import RUN
 
 CASES = SHARED / "cases"
 needs_cases = pytest.mark.skipif(not CASES.exists(), reason="../shared/cases is not there")
@@ -172,7 +174,6 @@ def in_radians(run: xr.Dataset) -> xr.Dataset:
         (renamed("sensor_zenith", "sensor_zenit"), "found 'sensor_zenit', is that it?"),
         (renamed("sensor_zenith", "vza"), "found 'vza', is that it?"),
         (renamed("brf", "BRF"), "found 'BRF', is that it?"),
-        (renamed("point", "row"), "dimension point: missing; found row"),
         (with_unit("sensor_zenith", "radian"), "sensor_zenith: found unit 'radian'; expected 'degree'"),
         (with_unit("wavelength", "um"), "wavelength: found unit 'um'; expected 'nm'"),
         (with_unit("brf", "sr-1"), "brf: found unit 'sr-1'; expected '1'; a BRDF in sr-1 times pi"),
@@ -198,8 +199,17 @@ def in_radians(run: xr.Dataset) -> xr.Dataset:
         ),
     ],
 )
-def test_a_wrong_variable_is_named(change: Callable[[xr.Dataset], xr.Dataset], expected: str, tmp_path: Path) -> None:
-    assert expected in refusal(saved(change(minimal_run()), tmp_path / "run.nc"))
+def test_a_wrong_variable_is_named(change: Callable[[xr.Dataset], xr.Dataset], expected: str) -> None:
+    with pytest.raises(InputError) as problem:
+        checked(change(minimal_run()), "some/run.nc", RUN)
+    assert expected in str(problem.value)
+    assert str(problem.value).startswith("some/run.nc: ")
+
+
+def test_a_file_is_checked_as_it_is_read(tmp_path: Path) -> None:
+    assert "u_brf: missing" in refusal(saved(minimal_run().drop_vars("u_brf"), tmp_path / "run.nc"))
+    rows = saved(minimal_run().rename(point="row"), tmp_path / "rows.nc")
+    assert "dimension point: missing; found row" in refusal(rows)
 
 
 def test_radians_are_believed_where_the_unit_says_degrees(tmp_path: Path) -> None:
