@@ -17,6 +17,28 @@ GROUP = "goniotwin.observers"
 _PATIENCE_WALL = 600.0
 
 
+def check_inputs(facility: Path | None, artifact: Path | None, material: Path | None) -> None:
+    """Let every observer that cares read the files it will need, before anything starts.
+
+    Raises
+    ------
+    InputError
+        From an observer that could not use a file.
+    """
+    for point in _registered():
+        try:
+            check = getattr(point.load(), "check", None)
+        except Exception:
+            log.debug("observer %s cannot be loaded", point.name, exc_info=True)
+            continue  # said when it takes its seat
+        if check is not None:
+            check(facility, artifact, material)
+
+
+def _registered() -> list[EntryPoint]:
+    return sorted(entry_points(group=GROUP), key=lambda point: point.name)
+
+
 class Audience:
     """Loads observers, lets them watch, and lets them finish.
 
@@ -31,7 +53,7 @@ class Audience:
     def __init__(self, bus: EventBus, points: list[EntryPoint] | None = None) -> None:
         self._bus = bus
         self._seats: list[tuple[str, Observer, Subscription]] = []
-        for point in sorted(entry_points(group=GROUP) if points is None else points, key=lambda p: p.name):
+        for point in _registered() if points is None else points:
             self._seat(point)
 
     @property

@@ -38,7 +38,12 @@ class Observer(Protocol):
 
 
 class ObserverFactory(Protocol):
-    """What an entry point of the group names: makes an observer for one scan, or None where it has nothing to do."""
+    """What an entry point of the group names: makes an observer for one scan, or None where it has nothing to do.
+
+    It may have an attribute ``check``, a function of the files (facility, artifact, material) that are given, each a
+    path or None. It is called before anything starts and raises :class:`~instrument.errors.InputError` for a file that
+    this observer could not use.
+    """
 
     def __call__(self, publish: Publish) -> Observer | None:
         """``publish`` puts an event (an annotation, a message) on the bus; it may be called from any thread."""

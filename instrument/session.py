@@ -17,7 +17,7 @@ from typing import Any
 from drivers.clock import Clock
 from drivers.configuration import DevicesForm, connect, endpoints, read_devices
 from drivers.lock import InstrumentLock
-from instrument.audience import Audience
+from instrument.audience import Audience, check_inputs
 from instrument.bus import EventBus, Handler, Subscription
 from instrument.dataset import run_of_journal, write_run
 from instrument.engine import ScanEngine
@@ -99,6 +99,8 @@ class ScanSession:
 
     def _open(self) -> None:
         given = inputs_of(self.request)
+        if self.request.twin:
+            check_inputs(given.facility, given.artifact, given.material)
         if self.request.out is not None:
             check_free(self.request.out)
         if given.simulate is not None:

@@ -1,8 +1,9 @@
 """The twin that follows a scan: predicts ahead of it in another process and sums up when it is over.
 
-Registered as observer ``twin`` in the entry-point group ``goniotwin.observers``. Three threads are involved: the
-bus's, on which :meth:`LiveTwin.on_event` only takes notes; one that asks the worker for batch after batch; and whoever
-calls :meth:`LiveTwin.finish`. Whatever happens to the worker process, the scan goes on; what it owes is computed again.
+:class:`LiveTwin` is registered as observer ``twin`` in the entry-point group ``goniotwin.observers``. Three threads are
+involved: the bus's, on which :meth:`LiveTwin.on_event` only takes notes; one that asks the worker for batch after
+batch; and whoever calls :meth:`LiveTwin.finish`. Whatever happens to the worker process, the scan goes on; what it owes
+is computed again.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from instrument.events import (
 )
 from instrument.observers import Publish
 from twin.schedule import Batch, Schedule, Stage
-from twin.worker import Prediction, PredictionWorker, TwinUnusable, WorkerError, WorkerUnavailable
+from twin.worker import Prediction, PredictionWorker, TwinUnusable, Unpredictable, WorkerError, WorkerUnavailable
 
 SOURCE = "twin"
 #: A quick look first, a few whole slices ahead of the scan; then the accuracy that a comparison needs.
@@ -46,11 +47,6 @@ class Predictor(Protocol):
 
 
 PredictorFactory = Callable[[Path, Path, Path], Predictor]
-
-
-def observer(publish: Publish) -> LiveTwin:
-    """Entry point: a twin for one scan."""
-    return LiveTwin(publish)
 
 
 class LiveTwin:
@@ -88,6 +84,21 @@ class LiveTwin:
         self._run_file: Path | None = None
         self._finishing = self._closed = False
         self._hopeless = ""
+        self._refusals: set[str] = set()
+
+    @staticmethod
+    def check(facility: Path | None, artifact: Path | None, material: Path | None) -> None:
+        """Before a scan begins: read what no one else has read yet, the material.
+
+        Raises
+        ------
+        InputError
+            If the file is wrong.
+        """
+        if material is not None:
+            from twin.material import read_material
+
+            read_material(material)
 
     def on_event(self, event: Event) -> None:
         """Take note of where the scan is; never waits for a prediction."""
@@ -186,6 +197,8 @@ class LiveTwin:
                     "warning", f"the twin pauses: {pause}", "predictions go on by themselves; the scan is not affected"
                 )
                 self._rest(pause.retry_after_s)
+            except Unpredictable as error:
+                self._refuse(batch, error)
             except WorkerError as error:
                 failures += 1
                 if not self._closed:
@@ -234,6 +247,14 @@ class LiveTwin:
             f"a prediction of {len(batch.indices)} points was lost: {error}",
             "they are computed again; the scan is not affected",
         )
+
+    def _refuse(self, batch: Batch, error: Unpredictable) -> None:
+        assert self._schedule is not None
+        with self._change:
+            self._schedule.refused(batch)
+        if str(error) not in self._refusals:
+            self._refusals.add(str(error))
+            self._say("warning", f"the twin cannot predict some points: {error}", "they are measured all the same")
 
     def _give_up(self, reason: str) -> None:
         self._hopeless = reason

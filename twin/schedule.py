@@ -52,7 +52,7 @@ class Schedule:
 
     @property
     def given_up(self) -> frozenset[int]:
-        """Points that failed too often."""
+        """Points that failed too often, or were refused."""
         return frozenset(self._given_up)
 
     @property
@@ -94,6 +94,13 @@ class Schedule:
             self._largest[index] = max(1, size // CUT)
             if size == 1 and self._failures[index] >= PATIENCE:
                 self._given_up.add(index)
+
+    def refused(self, batch: Batch) -> None:
+        """Find the points that the twin will never predict by asking for each alone, and give those up at once."""
+        for index in batch.indices:
+            self._largest[index] = 1
+        if len(batch.indices) == 1:
+            self._given_up.update(batch.indices)
 
     def _open(self) -> list[int]:
         last = len(self._stages)

@@ -39,6 +39,10 @@ class WorkerCrashed(WorkerError):
     """The process ended, or was ended because it did not answer in time."""
 
 
+class Unpredictable(WorkerError):
+    """The twin refuses a point of the request, and would again: asked for at a wavelength without material, say."""
+
+
 class TwinUnusable(RuntimeError):
     """The process runs, but no twin can be built in it: a broken installation. Trying again does not help."""
 
@@ -156,7 +160,8 @@ class PredictionWorker:
         Returns
         -------
         Future
-            Holds a :class:`Prediction` or raises: :class:`WorkerError` if this attempt failed,
+            Holds a :class:`Prediction` or raises: :class:`WorkerError` if this attempt failed
+            (:class:`Unpredictable` if every other would, too),
             :class:`~instrument.errors.InputError` if the twin's files are wrong, :class:`TwinUnusable` if the
             twin cannot be built for another reason. It can be cancelled until work on it begins.
         """
@@ -215,7 +220,7 @@ class PredictionWorker:
         process = self._running_process()
         reply = process.ask(request.message, self._timeouts.request_s)
         if "failed" in reply:
-            raise WorkerError(reply["failed"])
+            raise Unpredictable(reply["failed"]) if reply["bad_input"] else WorkerError(reply["failed"])
         return Prediction(
             indices=request.indices,
             brf=tuple(reply["brf"]),

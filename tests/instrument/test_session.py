@@ -347,6 +347,33 @@ def test_an_observer_found_by_its_entry_point_annotates_and_prints(
     assert any("broken cannot watch" in getattr(event, "text", "") for event in watch.events)
 
 
+def test_a_file_that_an_observer_could_not_use_stops_a_scan_before_anything_starts(
+    request_: ScanRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from instrument import audience
+
+    class Twin:
+        @staticmethod
+        def check(facility: Path | None, artifact: Path | None, material: Path | None) -> None:
+            assert (facility, artifact) == (None, None)
+            raise InputError(f"{material}: the table has 3 gaps")
+
+    class Point:
+        name = "twin"
+
+        def load(self) -> type[Twin]:
+            return Twin
+
+    material = tmp_path / "coupon.nc"
+    material.touch()
+    monkeypatch.setattr(audience, "entry_points", lambda group: [Point()])
+    monkeypatch.setattr("instrument.session.laboratory_factory", lambda: pytest.fail("the laboratory was started"))
+    request_ = request_.model_copy(update={"twin": True, "material": material})
+    with pytest.raises(InputError, match=r"coupon.nc: the table has 3 gaps"), ScanSession(request_):
+        pass
+    assert not (tmp_path / "run").exists()
+
+
 def test_nothing_is_derived_from_a_run_without_points(tmp_path: Path) -> None:
     from scan_stage import stage
 

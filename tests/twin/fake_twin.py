@@ -2,7 +2,8 @@
 
 The material file holds its orders as JSON: ``delay_s`` a request, ``die_at`` a sensor zenith at which the process
 aborts, ``die_times`` how often it does, ``print`` noise on standard output, ``broken`` an input error,
-``raise_at`` a sensor zenith at which it raises, ``hang_at`` one at which it never answers.
+``raise_at`` a sensor zenith at which it raises, ``refuse_at`` one that is bad input, ``hang_at`` one at which it
+never answers.
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ class FakeTwin:
                 os.abort()
         if self.orders.get("raise_at") in zeniths:
             raise ZeroDivisionError("no samples")
+        if self.orders.get("refuse_at") in zeniths:
+            raise InputError(f"sensor zenith {self.orders['refuse_at']:g}: not with this material")
         if self.orders.get("hang_at") in zeniths:
             time.sleep(1000)
         time.sleep(self.orders.get("delay_s", 0.0))

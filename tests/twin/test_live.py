@@ -17,6 +17,7 @@ from fake_twin import expected_brf
 from rich.console import Console
 
 from instrument.dataset import read_prediction, write_run
+from instrument.errors import InputError
 from instrument.events import Geometry, Message, PointAnnotated, PointMeasured, PointStarted, ScanEnded, ScanStarted
 from twin.live import LiveTwin
 from twin.schedule import Stage
@@ -191,6 +192,29 @@ def test_a_point_that_always_crashes_is_left_out_and_the_rest_is_kept(scan_of, f
     scan.end(measured)
     check_results(scan, [i for i in measured if POINTS[i].sensor_zenith != 75.0])
     assert any("2 points could not be predicted" in m.text for m in scan.messages)
+
+
+def test_a_point_that_the_twin_refuses_is_asked_for_no_more_and_said_once(scan_of, fake_files):
+    fake_files.order(refuse_at=75.0)
+    scan = scan_of()
+    scan.start()
+    measured = list(range(len(POINTS)))
+    for index in measured:
+        scan.measure(index)
+    scan.end(measured)
+    check_results(scan, [i for i in measured if POINTS[i].sensor_zenith != 75.0])
+    said = [m.text for m in scan.messages if m.level == "warning"]
+    assert said[0] == "the twin cannot predict some points: sensor zenith 75: not with this material"
+    assert len(said) == 2
+    assert said[1].startswith("2 points could not be predicted")
+    assert [request["zeniths"] for request in fake_files.requests].count([75.0]) == 2  # once for each such point
+
+
+def test_a_material_that_is_no_table_is_refused_before_a_scan(tmp_path):
+    (tmp_path / "material.nc").write_text("a note")
+    LiveTwin.check(None, None, None)
+    with pytest.raises(InputError, match=r"material.nc: not a"):
+        LiveTwin.check(None, None, tmp_path / "material.nc")
 
 
 def test_a_process_that_never_lives_ends_in_a_report_and_not_in_a_wait(scan_of, fake_files):

@@ -67,6 +67,17 @@ def test_a_point_that_always_fails_is_found_and_given_up_and_costs_few_crashes()
     assert sum(17 in b.indices for b in batches) <= 3 + PATIENCE
 
 
+def test_a_refused_point_is_asked_for_alone_and_never_again():
+    schedule = Schedule(points(1, 4), STAGES)
+    schedule.refused(schedule.next_batch())
+    asked = []
+    while (batch := schedule.next_batch()) is not None:
+        asked.append(batch.indices)
+        (schedule.refused if 2 in batch.indices else schedule.succeeded)(batch)
+    assert asked == [(i,) for i in (0, 1, 2, 3, 0, 1, 3)]
+    assert schedule.given_up == {2}
+
+
 def test_a_batch_lost_once_is_repeated_before_later_slices():
     schedule = Schedule(points(3, 4), STAGES)
     schedule.failed(schedule.next_batch())
