@@ -24,8 +24,8 @@ def budget_table(prediction: xr.Dataset, state: StateVector) -> Table:
 
     Notes
     -----
-    "In BRF" is relative: root mean square over the points, and the range that holds nine points of ten. Small effects
-    are uncertain by the ray tracer's noise; an estimate that is negative counts as nothing.
+    "In BRF" is relative: root mean square over the points, whose squares the shares are of, and the range that holds
+    nine points of ten. Small effects are uncertain by the ray tracer's noise; a negative estimate counts as nothing.
     """
     table = Table(title="Uncertainty budget of the prediction (k = 1)", title_justify="left")
     table.add_column("source")
@@ -34,10 +34,11 @@ def budget_table(prediction: xr.Dataset, state: StateVector) -> Table:
     table.add_column("5 % to 95 % of points", justify="right")
     table.add_column("share of variance / %", justify="right")
     brf, total = (np.asarray(prediction[name].values) for name in ("brf", "u_brf"))
-    share = prediction["variance_share"]
+    share, whole = prediction["variance_share"], float(np.mean((total / brf) ** 2))
     for source in map(str, prediction["source"].values):
-        own = np.asarray(share.sel(source=source).values)
-        table.add_row(source, _input(state, source), *_effect(own * total**2, brf), f"{100 * np.mean(own):.1f}")
+        own = np.asarray(share.sel(source=source).values) * total**2
+        part = 100 * max(0.0, float(np.mean(own / brf**2))) / whole
+        table.add_row(source, _input(state, source), *_effect(own, brf), f"{part:.1f}")
     table.add_section()
     table.add_row("combined", "", *_effect(total**2, brf), "100.0")
     return table

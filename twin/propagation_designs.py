@@ -1,9 +1,10 @@
 """At which values of the inputs the twin is evaluated to find its sensitivities, and what follows from the differences.
 
 A single parameter is varied both ways. Parameters of one source that are many (holes, points of the coupon) are varied
-together along the rows of a Hadamard matrix with random signs: the mean squared difference over the rows is their
-summed variance, exactly where the response is linear and the parameters are no more than the rows, and without bias
-where they are more (parameters that share a column are then told apart by their random signs only).
+together along the rows of a Hadamard matrix with random signs: the variance over the rows is their summed variance,
+exactly where the response is linear and the parameters are fewer than the rows, and without bias where they are more
+(parameters that share a column are then told apart by their random signs only). The first column, which is constant, is
+left out, so the nominal rendering is not needed and its noise enters nowhere.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.linalg import hadamard
 from instrument.angles import FloatArray
 from twin.state_vector import StateVector
 
-#: Rows of a weighing design at most.
+#: Rows of a weighing design at most, a power of two.
 ROWS = 32
 _STEP = np.sqrt(3.0)
 Squares = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -110,17 +111,17 @@ class Together(Design):
     @property
     def aliasing(self) -> float:
         rows, parameters = self.signs.shape
-        return float(np.sqrt(2 / rows)) if parameters > rows else 0.0
+        return float(np.sqrt(2 / rows)) if parameters >= rows else 0.0
 
     def effects(self, differences: FloatArray) -> FloatArray:
-        return differences / np.sqrt(len(self.signs))
+        return (differences - differences.mean(axis=0)) / np.sqrt(len(self.signs))
 
     def shift(self, mean: FloatArray) -> FloatArray:
         return np.zeros(mean.shape[1])
 
     def slopes(self, mean: FloatArray) -> dict[str, FloatArray]:
         rows, parameters = self.signs.shape
-        if parameters > rows:
+        if parameters >= rows:
             return {}
         slope = self.signs.T @ mean / np.sqrt(rows) / self.standard_uncertainty[:, None]
         return dict(zip(self.labels, slope, strict=True))
@@ -143,9 +144,9 @@ def designs(state: StateVector, seed: int) -> list[Design]:
                 step[member] = _STEP * u[member]
                 result.append(BothWays(labels[member], source, [nominal + step, nominal - step], float(u[member])))
             continue
-        rows = min(ROWS, 1 << int(np.ceil(np.log2(len(members)))))
+        rows = min(ROWS, 1 << int(np.ceil(np.log2(len(members) + 1))))
         flips = generator.choice([-1.0, 1.0], len(members))
-        signs = hadamard(rows)[:, np.arange(len(members)) % rows] * flips
+        signs = hadamard(rows)[:, 1 + np.arange(len(members)) % (rows - 1)] * flips
         values = []
         for row in signs:
             value = nominal.copy()
