@@ -385,6 +385,9 @@ def test_events_of_many_threads_arrive_in_the_qt_thread_in_batches(qtbot: QtBot)
     for writer in writers:
         writer.start()
     qtbot.waitUntil(lambda: len(model.messages) == each * threads, timeout=5000)
+    qtbot.wait(100)  # the Qt thread sleeps again
+    bridge.on_event(Message(time=START, level="info", text="one more"))
+    qtbot.waitUntil(lambda: len(model.messages) == each * threads + 1, timeout=5000)
     for writer in writers:
         writer.join()
     assert len(batches) < each * threads / 4

@@ -171,7 +171,7 @@ def test_a_move_takes_the_time_of_its_trapezoid(az, room):
     assert elapsed < 6.0 + 0.2 * clock.speed
 
 
-def test_stop_brakes_and_start_needs_the_edge(az):
+def test_stop_brakes_and_a_trigger_of_zero_starts_nothing(az):
     az.home()
     az.direct(8000)
     az.press(0x0020)
@@ -190,6 +190,16 @@ def test_stored_operation_data_runs_on_start(az):
     az.press(0x0008)
     az.wait()
     assert az.long(0xCC) == 1200
+
+
+def test_start_needs_the_edge(az):
+    az.home()
+    for offset, value in enumerate((2, 100, 2000, 1000, 1000)):  # 100 steps further, relative to the command
+        az.write_long(0x1800 + 2 * offset, value)
+    for word, position in ((0x0008, 100), (0x0008, 100), (0x0000, 100), (0x0008, 200)):
+        assert not az.client.write_register(0x7D, word, device_id=1).isError()
+        az.wait()
+        assert az.long(0xCC) == position
 
 
 def test_soft_limits_raise_their_alarm_and_nothing_moves(az):

@@ -134,6 +134,12 @@ def test_flagged_and_missing_points_are_left_out_and_said_so():
     assert any("1 points without" in note for note in result.notes)
 
 
+@pytest.mark.parametrize(("flag", "left"), [(1, 3), (2, 3), (4, 3), (12, 3), (8, 4)])
+def test_only_flags_that_spoil_a_reading_leave_it_out(flag, left):
+    run = measurement(quality_flag=np.array([0, flag, 0, 0], dtype=np.int8))
+    assert compare(run, prediction()).overall.points == left
+
+
 def test_nothing_left_to_compare_is_an_error():
     with pytest.raises(InputError, match="no point that can be compared"):
         compare(measurement(quality_flag=np.full(4, 2, dtype=np.int8)), prediction())

@@ -95,6 +95,16 @@ def test_categories_differ_in_shape_as_well_as_in_colour():
     assert len(set(colours)) == len(set(markers)) == 3
 
 
+def test_the_small_picture_shows_the_plane_and_the_light_from_above():
+    result = comparison(azimuths=(0.0, 90.0))
+    for plane, along, across in ((result.planes[0], 0, 1), (result.planes[1], 1, 0)):
+        points, light = draw_plane(result.points, plane).axes[2].get_lines()
+        zenith = result.points["sensor_zenith"].values[list(plane.rows)]
+        assert points.get_data()[along] == pytest.approx(np.sort(zenith))
+        assert points.get_data()[across] == pytest.approx(np.zeros(len(zenith)), abs=1e-12)
+        assert [float(v[0]) for v in light.get_data()] == [15.0, 0.0]
+
+
 def test_one_file_per_plane_and_format_and_an_overview(tmp_path):
     written = draw_planes(comparison(), tmp_path / "new" / "figures")
     assert [path.name for path in written] == [
