@@ -47,7 +47,8 @@ def relative_difference(simulated: ArrayLike, measured: ArrayLike) -> FloatArray
     simulated, measured = _floats(simulated), _floats(measured)
     if np.any(measured == 0):
         raise ValueError("the relative difference to a measured value of zero is undefined")
-    return (simulated - measured) / measured
+    with np.errstate(over="ignore"):  # beyond the largest number a difference is infinite
+        return (simulated - measured) / measured
 
 
 def combined_uncertainty(u_simulated: ArrayLike, u_measured: ArrayLike) -> FloatArray:
@@ -75,7 +76,8 @@ def t_score(simulated: ArrayLike, measured: ArrayLike, u_simulated: ArrayLike, u
     sigma = combined_uncertainty(u_simulated, u_measured)
     if np.any(sigma == 0):
         raise ValueError("both standard uncertainties are zero, the t-score is undefined")
-    return (_floats(simulated) - _floats(measured)) / sigma
+    with np.errstate(over="ignore"):  # beyond the largest number a score is infinite
+        return (_floats(simulated) - _floats(measured)) / sigma
 
 
 def level_of_agreement(t: ArrayLike, u_simulated: ArrayLike, u_measured: ArrayLike) -> FloatArray:

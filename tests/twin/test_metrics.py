@@ -119,3 +119,9 @@ def test_categories_of_table_v_and_their_edges():
     assert metrics.categorise_level_of_agreement([1.0, 0.95, 0.949, 0.5, 0.49, 0.0]).tolist() == [
         good, good, acceptable, acceptable, poor, poor,
     ]  # fmt: skip
+
+
+def test_a_measured_value_next_to_nothing_makes_the_difference_infinite_not_an_error():
+    assert metrics.relative_difference(1.0, 5e-324) == np.inf
+    assert metrics.t_score(1.0, 0.0, 5e-324, 0.0) == np.inf
+    assert metrics.level_of_agreement(np.inf, 0.1, 0.1) == 0.0
