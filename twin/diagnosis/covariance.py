@@ -1,0 +1,125 @@
+"""How the errors of a run's readings may be correlated, when nobody says so.
+
+A budget names a standard deviation for the stability of the instrument, not its correlation. Whether it is a new draw at
+each point, one for a slice, or a slow wander decides what counts as a gap: with the wrong choice almost every sound
+run is declared faulty. So every plausible structure is kept, and the conclusions are averaged over them, weighted by how
+well each explains the run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from instrument.angles import FloatArray, direction
+from twin.diagnosis.observation import Observation
+
+#: Correlation lengths in the sensor zenith of a wander within a slice, degree.
+LENGTHS = (6.0, 10.0, 16.0, 25.0, 40.0, 60.0)
+#: Standard deviation of the stability over the stated one, and prior weights.
+SCALES = {0.6: 0.2, 1.0: 0.55, 1.5: 0.25}
+#: Points of a block: what one may be read of a session between two looks at the reference.
+BLOCKS = (11, 30)
+#: Shares of the variance when a file states nothing but the combined uncertainty.
+_NOISE_SHARE, _STABILITY_SHARE = 0.25, 0.5
+#: Components that are neither noise nor stability are systematic: the physics of their effects describes them.
+INDEPENDENT, UNSTATED = "noise", "stability"
+
+
+@dataclass(frozen=True)
+class Structure:
+    """One way in which the readings' errors may be correlated.
+
+    Attributes
+    ----------
+    name
+        In words.
+    weight
+        Prior probability.
+    covariance, shape (point, point)
+        Of relative errors: noise and stability.
+    """
+
+    name: str
+    weight: float
+    covariance: FloatArray
+
+
+def structures(run: Observation) -> list[Structure]:
+    """Every structure that is considered, with prior weights that add up to 1."""
+    noise, stability = noise_and_stability(run)
+    if not np.any(stability > 0):
+        return [Structure("none", 1.0, np.diag(noise**2))]
+    found = []
+    for name, weight, correlation in correlations(run):
+        for scale, share in SCALES.items():
+            spread = scale * stability
+            covariance = np.diag(noise**2) + correlation * np.outer(spread, spread)
+            found.append(Structure(f"{name}, {scale:g} times the budget", weight * share, covariance))
+    found.append(Structure("noise alone", 0.05, np.diag(noise**2)))
+    total = sum(s.weight for s in found)
+    return [Structure(s.name, s.weight / total, s.covariance) for s in found]
+
+
+def noise_and_stability(run: Observation) -> tuple[FloatArray, FloatArray]:
+    """Relative standard deviations of independent noise and of the stability, shape (point,) each."""
+    if INDEPENDENT in run.components and UNSTATED in run.components:
+        return run.components[INDEPENDENT] / run.brf, run.components[UNSTATED] / run.brf
+    u = run.relative_u
+    return np.sqrt(_NOISE_SHARE) * u, np.sqrt(_STABILITY_SHARE) * u
+
+
+def correlations(run: Observation) -> list[tuple[str, float, FloatArray]]:
+    """Name, weight and correlation matrix of the kinds of stability."""
+    plane, zenith = run.plane, run.columns["sensor_zenith"]
+    same = (plane[:, None] == plane[None, :]).astype(float)
+    count = len(run)
+    slow = {length: same * _bell(zenith, length) for length in LENGTHS}
+    kinds = [
+        ("independent", 0.12, np.eye(count)),
+        ("one factor", 0.12, np.ones((count, count))),
+        ("one factor a slice", 0.2, same),
+        *((f"wander over {length:g} degrees", 0.3 / len(LENGTHS), matrix) for length, matrix in slow.items()),
+        ("half a slice, half wander", 0.06, 0.5 * same + 0.5 * slow[25.0]),
+        ("half a slice, half independent", 0.04, 0.5 * same + 0.5 * np.eye(count)),
+        ("smooth over directions", 0.05, _over_directions(run, 25.0)),
+        ("one factor an illumination", 0.03, (run.illumination[:, None] == run.illumination[None, :]).astype(float)),
+        ("slow in time", 0.04, _bell(run.progress, 0.1)),
+    ]
+    order = np.argsort(np.argsort(run.progress, kind="stable"), kind="stable")
+    for length in BLOCKS:
+        block = order // length
+        kinds.append((f"blocks of {length} points", 0.02, (block[:, None] == block[None, :]).astype(float)))
+    return kinds
+
+
+def _bell(place: FloatArray, length: float) -> FloatArray:
+    return np.asarray(np.exp(-0.5 * ((place[:, None] - place[None, :]) / length) ** 2))
+
+
+def _over_directions(run: Observation, length_deg: float) -> FloatArray:
+    """Smooth over sensor directions and illumination zenith."""
+    columns = run.columns
+    view = direction(columns["sensor_zenith"], columns["sensor_azimuth"])
+    light = np.deg2rad(columns["illumination_zenith"])
+    place = np.concatenate([view, light[:, None]], axis=1)
+    squared = np.sum((place[:, None] - place[None, :]) ** 2, axis=2)
+    return np.asarray(np.exp(-0.5 * squared / np.deg2rad(length_deg) ** 2))
+
+
+def smooth_gap(run: Observation) -> list[tuple[str, FloatArray]]:
+    """Correlation matrices of a gap of unknown cause, unit variance: smooth in direction, in time, or steps."""
+    columns = run.columns
+    zenith, same_light = columns["sensor_zenith"], run.illumination[:, None] == run.illumination[None, :]
+    progress = run.progress
+    along = _bell(zenith, 20.0)
+    steps = 1.0 - np.abs(progress[:, None] - progress[None, :])
+    return [
+        ("smooth over directions, 20 degrees", _over_directions(run, 20.0)),
+        ("smooth over directions, 45 degrees", _over_directions(run, 45.0)),
+        ("the same in every plane", along),
+        ("the same in the planes of an illumination", along * same_light),
+        ("a sequence of steps in time", steps),
+        ("local, 8 degrees", _over_directions(run, 8.0)),
+    ]
