@@ -234,24 +234,58 @@ def _instrument(facility: Facility, setup: Setup) -> list[Block]:
         ("beam radius", "mm", beam.u_diameter / 2, "beam_radius_mm"),
         ("target radius", "mm", sensor.u_target_diameter / 2, "target_radius_mm"),
     ]
-    blocks = [_single(name, unit, float(getattr(setup, field)), u, _set_field(field)) for name, unit, u, field in rows]
+    blocks = [_single(name, unit, float(getattr(setup, field)), u, _SetField(field)) for name, unit, u, field in rows]
     divergence = beam.divergence + float(setup.divergence_deg)
-
-    def diverge(inputs: Inputs, values: FloatArray) -> Inputs:
-        # A spread has no sign: values beyond zero fold back.
-        return replace(
-            inputs, setup=replace(inputs.setup, divergence_deg=abs(float(values[0])) - facility.beam.divergence)
-        )
-
-    return [*blocks, _single("beam divergence", "degree", divergence, beam.u_divergence, diverge)]
+    return [*blocks, _single("beam divergence", "degree", divergence, beam.u_divergence, _Diverge(beam.divergence))]
 
 
-def _set_field(field: str) -> Callable[[Inputs, FloatArray], Inputs]:
-    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
-        change: dict[str, float] = {field: float(values[0])}
+# What follows changes inputs; classes, so that a state vector can be sent to another process.
+@dataclass(frozen=True)
+class _SetField:
+    field: str
+
+    def __call__(self, inputs: Inputs, values: FloatArray) -> Inputs:
+        change: dict[str, float] = {self.field: float(values[0])}
         return replace(inputs, setup=replace(inputs.setup, **change))  # type: ignore[arg-type]
 
-    return apply
+
+@dataclass(frozen=True)
+class _Diverge:
+    nominal: float
+
+    def __call__(self, inputs: Inputs, values: FloatArray) -> Inputs:
+        # A spread has no sign: values beyond zero fold back.
+        setup = replace(inputs.setup, divergence_deg=abs(float(values[0])) - self.nominal)
+        return replace(inputs, setup=setup)
+
+
+@dataclass(frozen=True)
+class _SetDimension:
+    key: str
+
+    def __call__(self, inputs: Inputs, values: FloatArray) -> Inputs:
+        form = inputs.artifact.form.model_copy(update={self.key: float(values[0])})
+        return replace(inputs, artifact=replace(inputs.artifact, form=form))
+
+
+@dataclass(frozen=True)
+class _SetHoles:
+    key: str
+
+    def __call__(self, inputs: Inputs, values: FloatArray) -> Inputs:
+        change: dict[str, FloatArray] = {self.key: np.asarray(values, dtype=float)}
+        return replace(inputs, artifact=replace(inputs.artifact, holes=replace(inputs.artifact.holes, **change)))
+
+
+@dataclass(frozen=True)
+class _AddErrors:
+    """Errors of one component of the coupon run, in units of their standard uncertainty."""
+
+    modes: FloatArray
+
+    def __call__(self, inputs: Inputs, values: FloatArray) -> Inputs:
+        error = np.asarray(self.modes @ values)
+        return replace(inputs, coupon_error=error if inputs.coupon_error is None else inputs.coupon_error + error)
 
 
 def _single(name: str, unit: str, nominal: float, u: float, apply: Callable[[Inputs, FloatArray], Inputs]) -> Block:
@@ -264,41 +298,19 @@ def _artifact(artifact: ArtifactDimensions) -> list[Block]:
     form, holes = artifact.form, artifact.holes
     blocks = []
     for key, u in (("plate_thickness", form.u_plate_thickness), ("cavity_depth", form.u_cavity_depth)):
-        blocks.append(_single(key.replace("_", " "), "mm", getattr(form, key), u, _set_dimension(key)))
+        blocks.append(_single(key.replace("_", " "), "mm", getattr(form, key), u, _SetDimension(key)))
     for key in ("x", "y", "diameter"):
         labels = tuple(f"hole {number} {key}" for number in range(len(holes)))
         nominal, u_holes = getattr(holes, key), getattr(holes, f"u_{key}")
-        blocks.append(Block(f"hole {key}", labels, "hole dimensions", "mm", nominal, u_holes, _set_holes(key)))
+        blocks.append(Block(f"hole {key}", labels, "hole dimensions", "mm", nominal, u_holes, _SetHoles(key)))
     return blocks
 
 
-def _set_dimension(key: str) -> Callable[[Inputs, FloatArray], Inputs]:
-    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
-        form = inputs.artifact.form.model_copy(update={key: float(values[0])})
-        return replace(inputs, artifact=replace(inputs.artifact, form=form))
-
-    return apply
-
-
-def _set_holes(key: str) -> Callable[[Inputs, FloatArray], Inputs]:
-    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
-        change: dict[str, FloatArray] = {key: np.asarray(values, dtype=float)}
-        return replace(inputs, artifact=replace(inputs.artifact, holes=replace(inputs.artifact.holes, **change)))
-
-    return apply
-
-
 def _material(name: str, modes: FloatArray) -> Block:
-    """Errors of one component of the coupon run, in units of their standard uncertainty."""
-
-    def apply(inputs: Inputs, values: FloatArray) -> Inputs:
-        error = np.asarray(modes @ values)
-        return replace(inputs, coupon_error=error if inputs.coupon_error is None else inputs.coupon_error + error)
-
     count = modes.shape[1]
     title = f"material {name.replace('_', ' ')}"
     labels = (title,) if count == 1 else tuple(f"{title} {number}" for number in range(count))
-    return Block(title, labels, title, "1", np.zeros(count), np.ones(count), apply)
+    return Block(title, labels, title, "1", np.zeros(count), np.ones(count), _AddErrors(modes))
 
 
 def _check_artifact(artifact: ArtifactDimensions) -> None:

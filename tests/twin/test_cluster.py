@@ -1,0 +1,130 @@
+"""Spreading work over processes and over a Dask cluster."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from functools import partial
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+from instrument.errors import InputError
+from twin.cluster import spread
+
+
+def scaled(factor: int, item: int) -> tuple[int, int]:
+    if item < 0:
+        raise ValueError(f"found {item}; expected at least 0")
+    return factor * item, os.getpid()
+
+
+def test_results_come_in_the_order_of_the_items() -> None:
+    seen: list[int] = []
+    assert spread(partial(scaled, 3), range(4), done=seen.append) == [(3 * n, os.getpid()) for n in range(4)]
+    assert seen == [1, 2, 3, 4]
+
+
+@pytest.mark.slow
+def test_other_processes_do_the_work_and_keep_the_order() -> None:
+    found = spread(partial(scaled, 3), range(6), workers=2)
+    assert [value for value, _ in found] == [0, 3, 6, 9, 12, 15]
+    assert os.getpid() not in {process for _, process in found}
+    with pytest.raises(ValueError, match="expected at least 0"):
+        spread(partial(scaled, 3), [1, -1], workers=2)
+
+
+def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"tcp://a:1: the package distributed .* 'goniotwin\[cluster\]'"):
+        spread(abs, [1], address="tcp://a:1")
+
+
+class FakeClient:
+    """What is used of a Dask client, with futures that finish in the opposite order."""
+
+    made: list[FakeClient]
+    workers: dict[str, Any]
+
+    def __init__(self, address: str, **_: Any) -> None:
+        if address == "tcp://nowhere:1":
+            raise OSError("Timed out trying to connect")
+        self.address, self.sent, self.cancelled, self.closed = address, 0, 0, False
+        self.made.append(self)
+
+    def __enter__(self) -> FakeClient:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.closed = True
+
+    def scheduler_info(self) -> dict[str, Any]:
+        return {"workers": self.workers}
+
+    def scatter(self, thing: Any, broadcast: bool) -> Any:
+        assert broadcast
+        self.sent += 1
+        return SimpleNamespace(thing=thing)
+
+    def submit(self, function: Any, sent: Any, item: Any, pure: bool) -> Any:
+        assert not pure
+        return FakeFuture(partial(function, sent.thing, item))
+
+    def cancel(self, futures: list[Any]) -> None:
+        self.cancelled += len(futures)
+
+
+class FakeFuture:
+    def __init__(self, call: Any) -> None:
+        self.result = call
+
+
+@pytest.fixture
+def fake_dask(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[FakeClient]]:
+    module = ModuleType("distributed")
+
+    class Client(FakeClient):
+        made: list[FakeClient] = []  # noqa: RUF012 - fresh for every test
+        workers = {"tcp://w:1": {}}  # noqa: RUF012
+
+    module.Client = Client  # type: ignore[attr-defined]
+    module.as_completed = lambda futures: reversed(list(futures))  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "distributed", module)
+    return Client
+
+
+def test_a_cluster_gets_the_function_once_and_every_item(fake_dask: type[FakeClient]) -> None:
+    seen: list[int] = []
+    found = spread(partial(scaled, 2), [5, 6, 7], address="tcp://host:8786", done=seen.append)
+    assert [value for value, _ in found] == [10, 12, 14]
+    assert seen == [1, 2, 3]
+    (client,) = fake_dask.made
+    assert (client.address, client.sent, client.cancelled, client.closed) == ("tcp://host:8786", 1, 3, True)
+
+
+def test_an_error_on_the_cluster_is_raised_here_and_the_rest_is_cancelled(fake_dask: type[FakeClient]) -> None:
+    with pytest.raises(ValueError, match="expected at least 0"):
+        spread(partial(scaled, 2), [5, -6], address="tcp://host:8786")
+    assert fake_dask.made[0].cancelled == 2
+    assert fake_dask.made[0].closed
+
+
+def test_a_scheduler_that_does_not_answer_or_has_no_workers_is_named(fake_dask: type[FakeClient]) -> None:
+    with pytest.raises(InputError, match="tcp://nowhere:1: no scheduler answers"):
+        spread(abs, [1], address="tcp://nowhere:1")
+    fake_dask.workers = {}
+    with pytest.raises(InputError, match="found no workers"):
+        spread(abs, [1], address="tcp://host:8786")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_a_real_cluster_gives_the_same() -> None:
+    distributed = pytest.importorskip("distributed", reason="needs the extra: pip install 'goniotwin[cluster]'")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, protocol="tcp"
+    ) as cluster:
+        found = spread(partial(scaled, 2), [5, 6, 7], address=cluster.scheduler_address)
+    assert [value for value, _ in found] == [10, 12, 14]
