@@ -1,12 +1,13 @@
-"""How the sample's surfaces reflect: the quasi-diffuse table of the paper, and the Lambertian surface.
+"""How the sample's surfaces reflect: tables of the BRDF, whatever model they come from.
 
 A table holds the BRDF over cos(emergent zenith), azimuth difference and cos(incident zenith) and is linear between its
-nodes (paper, section III and appendix A). It is made from a run over a flat witness coupon, or read ready-made.
+nodes (paper, section III and appendix A). Every reflection model (:mod:`twin.reflection_models`) is compiled to this
+form, so that the ray tracer knows one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,8 @@ from numpy.typing import ArrayLike
 from instrument.angles import FloatArray
 from instrument.errors import InputError
 
-TABLE_DIMS = ("cos_theta_o", "phi_d", "cos_theta_i")
-_PHI_PER_UNIT = {"rad": 1.0, "radian": 1.0, "radians": 1.0, "deg": np.pi / 180, "degree": np.pi / 180}
-_PHI_PER_UNIT["degrees"] = _PHI_PER_UNIT["degree"]
+#: A table that reflects more than this is refused; between 1 and this a calibration error may be the reason.
+ENERGY_LIMIT = 1.02
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,24 @@ class Material:
     phi_rad, shape (phi,)
         Ascending azimuth differences, the first 0 (backscatter) and the last 2 pi.
     brdf, shape (wavelength, o, phi, i)
-        1/sr.
+        1/sr. With several materials one after the other along the first axis, every wavelength of each.
     wavelengths, shape (wavelength,)
         nm; None where one table serves every wavelength.
     filled
         How many entries were filled, by rule.
     name
         Where the material comes from.
+    surfaces
+        Number of the material of every :class:`~twin.artifact.Surface`; empty where all have the same.
+    entries
+        Independent entries that ``filled`` counts of, of all wavelengths; 0 for all of ``brdf``.
+    fill_error
+        Relative standard uncertainty of filled entries, by rule, from held-out readings.
+    gridding_error
+        Relative difference (root mean square) of the table from the model it was compiled from; 0 where the table
+        is the model.
+    notes
+        What else a person should know, a sentence each.
     """
 
     cos_o: FloatArray
@@ -48,19 +59,29 @@ class Material:
     wavelengths: FloatArray | None = None
     filled: dict[str, int] = field(default_factory=dict)
     name: str = ""
+    surfaces: tuple[int, ...] = ()
+    entries: int = 0
+    fill_error: dict[str, float] = field(default_factory=dict)
+    gridding_error: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        tables = 1 if self.wavelengths is None else len(self.wavelengths)
+        tables = self.materials * (1 if self.wavelengths is None else len(self.wavelengths))
         shape = (tables, len(self.cos_o), len(self.phi_rad), len(self.cos_i))
         if self.brdf.shape != shape:
             raise InputError(f"{self.name}: brdf: found shape {self.brdf.shape}; expected {shape}")
         for axis, values in (("cos_theta_o", self.cos_o), ("phi_d", self.phi_rad), ("cos_theta_i", self.cos_i)):
-            if len(values) < 2 or np.any(np.diff(values) <= 0):
-                raise InputError(f"{self.name}: {axis}: found {values}; expected at least two ascending values")
+            if len(values) < 2 or not np.all(np.diff(values) > 0):
+                raise InputError(f"{self.name}: {axis}: found {listed(values)}; expected at least two ascending values")
         _check_values(self)
 
+    @property
+    def materials(self) -> int:
+        """How many materials the surfaces are made of."""
+        return max(self.surfaces, default=0) + 1
+
     def table_index(self, wavelengths: ArrayLike) -> np.ndarray:
-        """Index of the table of each wavelength in nm.
+        """Index of the (first material's) table of each wavelength in nm.
 
         Raises
         ------
@@ -74,7 +95,7 @@ class Material:
         missing = np.abs(self.wavelengths[nearest] - wanted) > 0.05
         if np.any(missing):
             raise InputError(
-                f"{self.name}: wavelength: the material was measured at {_listed(self.wavelengths)} nm;"
+                f"{self.name}: wavelength: the material was measured at {listed(self.wavelengths)} nm;"
                 f" a prediction at {wanted[missing][0]:g} nm needs it there too"
             )
         return nearest.astype(np.int64)
@@ -95,30 +116,31 @@ class Material:
             result += weight * self.brdf[table][index]
         return result
 
+    def on_grid(self, cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray) -> FloatArray:
+        """Every table at the nodes of another grid, shape (table, o, phi, i); exact, where the grid holds ours."""
+        values = np.einsum("ao,topi->tapi", _interpolation(self.cos_o, cos_o), self.brdf, optimize=True)
+        values = np.einsum("bp,tapi->tabi", _interpolation(self.phi_rad, phi_rad), values, optimize=True)
+        return np.asarray(np.einsum("ci,tabi->tabc", _interpolation(self.cos_i, cos_i), values, optimize=True))
+
     def describe(self) -> str:
         """One line on what the tables hold and how much of them was filled."""
         text = f"material {self.name}: {' x '.join(map(str, self.brdf.shape[1:]))} entries"
+        if self.materials > 1:
+            text += f", {self.materials} materials"
         if self.wavelengths is not None:
-            text += f" at {_listed(self.wavelengths)} nm"
+            text += f" at {listed(self.wavelengths)} nm"
         if self.filled:
             text += "; filled: " + ", ".join(f"{count} for {rule}" for rule, count in self.filled.items())
         return text
 
     def scaled(self, factor: float) -> Material:
         """The same material, its reflectance multiplied."""
-        return Material(
-            self.cos_o, self.phi_rad, self.cos_i, self.brdf * factor, self.wavelengths, self.filled, self.name
-        )
+        return replace(self, brdf=self.brdf * factor)
 
     def directional_reflectance(self, cos_i: ArrayLike, table: int = 0) -> FloatArray:
-        """Directional-hemispherical reflectance for incidence at the given cosines, by quadrature."""
-        mu, weight = np.polynomial.legendre.leggauss(48)
-        mu, weight = (mu + 1) / 2, weight / 2
-        phi = (np.arange(96) + 0.5) * (2 * np.pi / 96)
-        values = self.evaluate(
-            mu[:, None, None], phi[None, :, None], np.atleast_1d(np.asarray(cos_i, float))[None, None, :], table
-        )
-        return np.asarray(np.einsum("opi,o->i", values, weight * mu) * (2 * np.pi / 96))
+        """Directional-hemispherical reflectance for incidence at the given cosines, exact for the table."""
+        at_nodes = np.einsum("opi,o,p->i", self.brdf[table], _moments(self.cos_o), _spans(self.phi_rad), optimize=True)
+        return np.interp(np.asarray(cos_i, dtype=float), self.cos_i, at_nodes)
 
 
 def lambertian(reflectance: float) -> Material:
@@ -129,28 +151,16 @@ def lambertian(reflectance: float) -> Material:
 
 
 def read_material(path: Path) -> Material:
-    """Read a run of the witness coupon or a ready table, whichever the file holds.
+    """Read a material, whatever the file holds: see :func:`twin.reflection_models.read_file`.
 
     Raises
     ------
     InputError
         Naming file and variable of whatever is wrong: no such file, gaps, negative values, wrong units.
     """
-    if not path.exists():
-        raise InputError(f"{path}: no such file (the material: a coupon run or a BRDF table)")
-    if path.suffix.lower() != ".csv":
-        dataset = open_netcdf(path)
-        if "brdf" in dataset:
-            return from_table(dataset, str(path))
-        if "brf" not in dataset:
-            raise InputError(
-                f"{path}: found the variables {', '.join(map(str, dataset.data_vars)) or '(none)'}; expected 'brf'"
-                " (a run of the witness coupon) or 'brdf' (a table)"
-            )
-    from instrument.dataset import read_run
-    from twin.coupon import from_coupon
+    from twin.reflection_models import read_file
 
-    return from_coupon(read_run(path), str(path))
+    return read_file(path)
 
 
 def open_netcdf(path: Path) -> xr.Dataset:
@@ -162,43 +172,10 @@ def open_netcdf(path: Path) -> xr.Dataset:
         raise InputError(f"{path}: not a readable netCDF-4 file ({error})") from None
 
 
-def from_table(dataset: xr.Dataset, name: str) -> Material:
-    """Make a material from a ready table ``brdf(cos_theta_o, phi_d, cos_theta_i)`` in 1/sr."""
-    table = dataset["brdf"]
-    if set(table.dims) != set(TABLE_DIMS):
-        raise InputError(f"{name}: brdf: found the dimensions {table.dims}; expected {TABLE_DIMS}")
-    _check_unit(name, "brdf", str(table.attrs.get("units", "")), {"sr^-1", "sr-1", "1/sr"})
-    for axis in TABLE_DIMS:
-        if axis not in table.coords:
-            raise InputError(f"{name}: {axis}: found no coordinate values; expected one for every node")
-    values = np.asarray(table.transpose(*TABLE_DIMS).values, dtype=float)
-    unit = str(table["phi_d"].attrs.get("units", ""))
-    _check_unit(name, "phi_d", unit, set(_PHI_PER_UNIT))
-    phi = np.asarray(table["phi_d"].values, dtype=float) * _PHI_PER_UNIT[unit]
-    cosines = [np.asarray(table[axis].values, dtype=float) for axis in ("cos_theta_o", "cos_theta_i")]
-    for axis, cosine in zip(("cos_theta_o", "cos_theta_i"), cosines, strict=True):
-        if np.any(cosine < 0) or np.any(cosine > 1):
-            raise InputError(f"{name}: {axis}: found {cosine.min():g} to {cosine.max():g}; expected cosines, 0 to 1")
-    cosines, values = _ascending(cosines, values)
-    phi, values = _periodic(name, phi, values)
-    return Material(cosines[0], phi, cosines[1], values[None], name=name)
-
-
-def _ascending(cosines: list[FloatArray], values: FloatArray) -> tuple[list[FloatArray], FloatArray]:
-    order_o, order_i = (np.argsort(cosine) for cosine in cosines)
-    return [cosines[0][order_o], cosines[1][order_i]], values[order_o][:, :, order_i]
-
-
-def _periodic(name: str, phi: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Close the table in azimuth: repeat its first node at 2 pi where the file does not."""
-    if len(phi) < 1 or abs(phi[0]) > 1e-9 or np.any(np.diff(phi) <= 0) or phi[-1] > 2 * np.pi * (1 + 1e-6):
-        raise InputError(f"{name}: phi_d: found {_listed(phi)} rad; expected ascending values from 0 up to 2 pi")
-    if phi[-1] > 2 * np.pi * (1 - 1e-6):
-        phi = np.concatenate([phi[:-1], [2 * np.pi]])
-        return phi, values
-    if 2 * np.pi - phi[-1] > 2 * np.max(np.diff(phi), initial=2 * np.pi - phi[-1] if len(phi) == 1 else 0):
-        raise InputError(f"{name}: phi_d: ends at {phi[-1]:g} rad; expected the whole circle, the table is periodic")
-    return np.concatenate([phi, [2 * np.pi]]), np.concatenate([values, values[:, :1]], axis=1)
+def listed(values: FloatArray) -> str:
+    """The first few values, for a message."""
+    shown = [f"{value:g}" for value in values[:6]]
+    return ", ".join([*shown, "..."] if len(values) > 6 else shown)
 
 
 def _bracket(nodes: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
@@ -208,9 +185,31 @@ def _bracket(nodes: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
     return low, fraction
 
 
-def _check_unit(name: str, variable: str, found: str, accepted: set[str]) -> None:
-    if found not in accepted:
-        raise InputError(f"{name}: {variable}: found the unit {found!r}; expected one of {', '.join(sorted(accepted))}")
+def _interpolation(nodes: FloatArray, x: FloatArray) -> FloatArray:
+    """Weights of the nodes in the values at x, shape (x, node)."""
+    low, fraction = _bracket(nodes, x)
+    weights = np.zeros((len(x), len(nodes)))
+    row = np.arange(len(x))
+    weights[row, low] = 1 - fraction
+    weights[row, low + 1] += fraction
+    return weights
+
+
+def _spans(nodes: FloatArray) -> FloatArray:
+    """Weights of the integral over a function that is linear between the nodes."""
+    step = np.diff(nodes)
+    return (np.append(step, 0.0) + np.insert(step, 0, 0.0)) / 2
+
+
+def _moments(cosines: FloatArray) -> FloatArray:
+    """Weights of the integral of cosine times a function, linear between nodes and constant beyond, over 0 to 1."""
+    a, b = cosines[:-1], cosines[1:]
+    weights = np.zeros(len(cosines))
+    weights[:-1] += (b - a) * (2 * a + b) / 6
+    weights[1:] += (b - a) * (a + 2 * b) / 6
+    weights[0] += cosines[0] ** 2 / 2
+    weights[-1] += (1 - cosines[-1] ** 2) / 2
+    return weights
 
 
 def _check_values(material: Material) -> None:
@@ -225,14 +224,9 @@ def _check_values(material: Material) -> None:
             )
     for table in range(len(material.brdf)):
         total = material.directional_reflectance(material.cos_i, table)
-        if np.any(total > 1.02):
+        if np.any(total > ENERGY_LIMIT):
             worst = int(np.argmax(total))
             raise InputError(
                 f"{material.name}: brdf: light incident at cosine {material.cos_i[worst]:.4g} would be reflected"
                 f" {total[worst]:.3g} times over; expected at most 1 (is the table a reflectance factor, not 1/sr?)"
             )
-
-
-def _listed(values: FloatArray) -> str:
-    shown = [f"{value:g}" for value in values[:6]]
-    return ", ".join([*shown, "..."] if len(values) > 6 else shown)

@@ -20,9 +20,9 @@ class TableLookup:
     Parameters
     ----------
     material
-        The tables.
+        The tables: one for all surfaces, or one for each :class:`~twin.artifact.Surface`.
     surface_factor
-        Reflectance of each :class:`~twin.artifact.Surface` over the table's.
+        Reflectance of each surface over its table's.
     """
 
     def __init__(self, mi: Any, dr: Any, material: Material, surface_factor: dict[Surface, float] | None) -> None:
@@ -34,7 +34,9 @@ class TableLookup:
         self._o, self._phi, self._i = (
             _Axis(mi, dr, nodes) for nodes in (material.cos_o, material.phi_rad, material.cos_i)
         )
-        _, o, phi, i = material.brdf.shape
+        tables, o, phi, i = material.brdf.shape
+        number = np.array(material.surfaces or [0] * len(Surface))
+        self._first = mi.UInt32((number * (tables // material.materials)).astype(np.uint32))
         self._values = mi.Float(material.brdf.ravel())
         self._row = dr.opaque(mi.UInt32, i)
         self._plane = dr.opaque(mi.UInt32, phi * i)
@@ -59,8 +61,10 @@ class TableLookup:
         return factor * dr.lerp(near, far, fo)
 
     def at(self, table_index: Any, label: Any, active: Any) -> tuple[Any, Any]:
-        """Select a wavelength's table and the factor of a surface."""
-        return table_index * self._table, self._dr.gather(self._mi.Float, self._factor, label, active)
+        """Select the table of a wavelength and a surface, and the factor of the surface."""
+        dr, mi = self._dr, self._mi
+        table = table_index + dr.gather(mi.UInt32, self._first, label, active)
+        return table * self._table, dr.gather(mi.Float, self._factor, label, active)
 
     def sample(self, place: Any, normal: Any, towards: Any, u: Any, v: Any, active: Any) -> tuple[Any, Any, Any]:
         """Draw the direction from which light comes.

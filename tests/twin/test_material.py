@@ -9,7 +9,8 @@ from traced_samples import shared_file
 
 from instrument.errors import InputError
 from twin.coupon import from_coupon
-from twin.material import Material, from_table, lambertian, read_material
+from twin.material import Material, lambertian, read_material
+from twin.reflection_models.table import from_table
 
 GRID_I, GRID_PHI, GRID_O = (0, 15, 30, 45, 60), (0, 45, 90, 135), np.arange(-80, 81, 5)
 
