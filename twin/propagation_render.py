@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from instrument.angles import FloatArray
 from instrument.artifact import ArtifactDimensions
-from instrument.facility import Facility
 from instrument.lambertian import lambertian_flux
 from twin.artifact import Surface, SurfaceMesh, build_mesh
 from twin.material import Material
@@ -23,16 +21,6 @@ from twin.optics import Setup, lay_out, reference_change
 from twin.state_vector import Inputs, StateVector
 from twin.tracer import RANDOMISATIONS, Tracer
 
-#: Fields of a setup that change the reference reading, apart from angles and radii, and are known to do so.
-_DISPLACED = ("sensor_runout_mm", "beam_x_mm", "beam_y_mm")
-_REFERENCE_FIELDS = (
-    "illumination_zenith_deg",
-    "sensor_zenith_deg",
-    "sensor_azimuth_deg",
-    "beam_radius_mm",
-    "target_radius_mm",
-    "mirror_radius_mm",
-)
 #: Evaluations of one scene that share a launch.
 _BATCH = 64
 
@@ -62,8 +50,6 @@ class PlanRenderer:
     ) -> None:
         self.state, self.columns, self.seed = state, columns, seed
         self._surface_factor = surface_factor
-        self._nominal_reference = float(np.mean(_reference_flux(state.facility, Setup())))
-        self._reference: dict[tuple[float, ...], float] = {}
         self._mesh = build_mesh(state.nominal_inputs.artifact)
         self._tables = state.nominal_material.table_index(columns["wavelength"])
         self._flux = lambertian_flux(
@@ -125,7 +111,7 @@ class PlanRenderer:
             seed=self.seed,
             keys=np.tile(np.arange(points, dtype=np.uint32), count),
         )
-        change = np.array([self._reference_change(member.setup) for member in members])
+        change = np.array([reference_change(self.state.facility, member.setup) for member in members])
         return radiance.reshape(count, points, RANDOMISATIONS) / (change[:, None] * self._flux)[..., None]
 
     def _tracer(self, members: list[Inputs]) -> tuple[Tracer, np.ndarray]:
@@ -147,35 +133,6 @@ class PlanRenderer:
 
     def _mesh_of(self, artifact: ArtifactDimensions) -> SurfaceMesh:
         return self._mesh if artifact is self.state.nominal_inputs.artifact else build_mesh(artifact)
-
-    def _reference_change(self, setup: Setup) -> float:
-        """Reference reading with an instrument that is off, over that of the nominal one, to 1e-5.
-
-        The quadrature over the exact limits of beam and footprint: unlike sampled ones it follows small changes.
-        """
-        if any(getattr(setup, name) != 0 for name in _DISPLACED) or np.isfinite(setup.source_distance_mm):
-            return reference_change(self.state.facility, setup)
-        key = tuple(float(getattr(setup, name)) for name in _REFERENCE_FIELDS)
-        if key not in self._reference:
-            self._reference[key] = float(np.mean(_reference_flux(self.state.facility, setup))) / self._nominal_reference
-        return self._reference[key]
-
-
-def _reference_flux(facility: Facility, setup: Setup) -> FloatArray:
-    """Flux of a flat Lambertian reference in place, by azimuth of the reference reading."""
-    beam, sensor, reference = facility.beam, facility.sensor, facility.reference
-    changed: dict[str, float] = {"target_diameter": sensor.target_diameter + 2 * setup.target_radius_mm}
-    if sensor.mirror_diameter > 0:
-        changed["mirror_diameter"] = sensor.mirror_diameter + 2 * setup.mirror_radius_mm
-    off: dict[str, Any] = {"sensor": sensor.model_copy(update=changed)}
-    if beam.diameter != "unbounded":
-        off["beam"] = beam.model_copy(update={"diameter": beam.diameter + 2 * setup.beam_radius_mm})
-    return lambertian_flux(
-        facility.model_copy(update=off),
-        reference.illumination_zenith + setup.illumination_zenith_deg,
-        reference.sensor_zenith + setup.sensor_zenith_deg,
-        np.array(reference.sensor_azimuth) + setup.sensor_azimuth_deg,
-    )
 
 
 def measurement_function(renderer: PlanRenderer, samples: int) -> Callable[..., FloatArray]:
