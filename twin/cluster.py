@@ -118,7 +118,7 @@ def _on_dask(
         sent = client.scatter(function, broadcast=True)
         futures = {client.submit(_apply, sent, item, pure=False): number for number, item in enumerate(items)}
         try:
-            return _gather(futures, finished(futures), done)
+            return _gather(futures, finished(futures, loop=client.loop), done)
         finally:
             client.cancel(list(futures))
 

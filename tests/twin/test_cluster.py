@@ -51,7 +51,8 @@ class FakeClient:
     def __init__(self, address: str, **_: Any) -> None:
         if address == "tcp://nowhere:1":
             raise OSError("Timed out trying to connect")
-        self.address, self.sent, self.cancelled, self.closed = address, 0, 0, False
+        self.address, self.loop = address, object()
+        self.sent, self.cancelled, self.closed = 0, 0, False
         self.made.append(self)
 
     def __enter__(self) -> FakeClient:
@@ -90,7 +91,7 @@ def fake_dask(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[FakeClient]]:
         workers = {"tcp://w:1": {}}  # noqa: RUF012
 
     module.Client = Client  # type: ignore[attr-defined]
-    module.as_completed = lambda futures: reversed(list(futures))  # type: ignore[attr-defined]
+    module.as_completed = lambda futures, loop: reversed(list(futures))  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "distributed", module)
     return Client
 
