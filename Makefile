@@ -1,7 +1,8 @@
 # make demo   the main job on the simulated laboratory
 # make test   the whole test suite
-# Both make the environment first, from requirements.lock.
-.PHONY: setup demo test test-fast check lock clean
+# make bench  the twin's speed, beside the program the paper tested; writes docs/performance.md
+# All make the environment first, from requirements.lock.
+.PHONY: setup demo test test-fast check bench lock clean
 BIN := .venv/bin
 WORKERS ?= 2
 
@@ -22,6 +23,9 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+bench: setup
+	$(BIN)/python benchmarks/bench_tracer.py
 
 lock:
 	python3 -m venv build/lock && build/lock/bin/pip install --quiet uv
