@@ -1,0 +1,80 @@
+"""The changes of dimensions and material that the library's effects need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from instrument.artifact import ArtifactDimensions
+from twin.artifact import SurfaceMesh
+from twin.diagnosis.chamfer import chamfered
+from twin.diagnosis.variation import ArtifactChange, MaterialChange
+from twin.material import Material
+from twin.material_changes import with_retroreflection, with_specular_lobe
+
+
+@dataclass(frozen=True)
+class HoleDiameter(ArtifactChange):
+    """Every hole's diameter changed, mm."""
+
+    delta_mm: float
+
+    def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
+        holes = replace(artifact.holes, diameter=artifact.holes.diameter + self.delta_mm)
+        return replace(artifact, holes=holes)
+
+
+@dataclass(frozen=True)
+class PlateThickness(ArtifactChange):
+    """The plate thicker by so many mm, the depth of the cavity from the plate's top unchanged."""
+
+    delta_mm: float
+
+    def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
+        form = artifact.form
+        return replace(artifact, form=form.model_copy(update={"plate_thickness": form.plate_thickness + self.delta_mm}))
+
+
+@dataclass(frozen=True)
+class CavityDepth(ArtifactChange):
+    """The floor deeper by so many mm."""
+
+    delta_mm: float
+
+    def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
+        form = artifact.form
+        return replace(artifact, form=form.model_copy(update={"cavity_depth": form.cavity_depth + self.delta_mm}))
+
+
+@dataclass(frozen=True)
+class EdgeChamfer(ArtifactChange):
+    """A chamfer of 45 degrees at the upper edge of every hole, width in mm."""
+
+    width_mm: float
+
+    def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
+        return artifact
+
+    def mesh(self, mesh: SurfaceMesh) -> SurfaceMesh:
+        return chamfered(mesh, self.width_mm)
+
+
+@dataclass(frozen=True)
+class Retroreflection(MaterialChange):
+    """A peak about exact retro-reflection."""
+
+    amplitude: float
+    width_deg: float
+
+    def apply(self, material: Material) -> Material:
+        return with_retroreflection(material, self.amplitude, self.width_deg)
+
+
+@dataclass(frozen=True)
+class SpecularLobe(MaterialChange):
+    """A microfacet lobe."""
+
+    amplitude: float
+    roughness: float
+
+    def apply(self, material: Material) -> Material:
+        return with_specular_lobe(material, self.amplitude, self.roughness)

@@ -1,0 +1,175 @@
+"""What an effect is: parameters, what it changes in the scene, and what it makes of a reading.
+
+An effect acts in one of three ways. A :class:`SceneEffect` changes instrument, sample or material, and is rendered. A
+:class:`ZenithEffect` moves the sensor arm by an angle that differs from point to point; one rendered table over the
+sensor zenith serves all of them. A :class:`ReadingEffect` changes what electronics and acquisition make of the light.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import ClassVar
+
+import numpy as np
+
+from instrument.angles import FloatArray
+from instrument.artifact import ArtifactDimensions
+from instrument.facility import Facility
+from twin.diagnosis.acquisition import Acquisition
+from twin.diagnosis.variation import Variation
+from twin.material import Material
+from twin.optics import Setup
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    name, unit
+        As in the data contract.
+    typical
+        Amplitude at which the gap is of about one combined standard uncertainty; an order of magnitude.
+    cap
+        Lowest and highest value that is physically possible.
+    nominal
+        Value without effect.
+    budget
+        Standard uncertainty (k = 1) that the inputs state; 0 where they state none.
+    budget_of
+        Where they state it, as a path from :class:`Known`.
+    shape
+        Says how an effect looks, not how large it is: of no consequence where the other parameters are nominal.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    cap: tuple[float, float]
+    nominal: float = 0.0
+    budget: float = 0.0
+    budget_of: str = ""
+    shape: bool = False
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the nominal twin is made from."""
+
+    facility: Facility
+    artifact: ArtifactDimensions
+    material: Material
+
+
+class Effect(ABC):
+    """One way in which instrument, sample or electronics may differ from what is known.
+
+    Attributes
+    ----------
+    name
+        As in the data contract.
+    title
+        In words.
+    parameters
+        Of the effect; :meth:`resolve` fills in what depends on the inputs.
+    needs
+        Columns of :class:`~twin.diagnosis.acquisition.Acquisition` that the effect needs beyond the geometries.
+    confused_with
+        Effects with a similar signature.
+    separated_by
+        The scan that tells them apart.
+    version
+        To be raised with a change of what is rendered.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    needs: ClassVar[tuple[str, ...]] = ()
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    separated_by: ClassVar[str] = ""
+    version: ClassVar[int] = 1
+
+    def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
+        """The parameters, with budgets from the inputs, and for some effects of number and caps that depend on them."""
+        return tuple(
+            replace(parameter, budget=float(attrgetter(parameter.budget_of)(known)))
+            if parameter.budget_of
+            else parameter
+            for parameter in self.parameters
+        )
+
+    def not_applicable(self, known: Known) -> str:
+        """Why the effect cannot occur with this sample or instrument; empty if it can."""
+        return ""
+
+    def missing(self, run: Acquisition) -> tuple[str, ...]:
+        """Columns that the run lacks."""
+        return tuple(name for name in self.needs if getattr(run, name) is None)
+
+
+class SceneEffect(Effect):
+    """An effect that is rendered.
+
+    Attributes
+    ----------
+    nodes
+        Number of nodes for each parameter's tabulation, from cap to cap.
+    """
+
+    nodes: ClassVar[tuple[int, ...]]
+
+    def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
+        """Nodes of each parameter, ascending; with a node at the nominal value."""
+        return tuple(
+            nodes_between(parameter.cap, parameter.nominal, count)
+            for parameter, count in zip(parameters, self.nodes, strict=True)
+        )
+
+    @abstractmethod
+    def variation(self, values: FloatArray) -> Variation:
+        """What is rendered at parameter values, shape (parameter,)."""
+
+
+class ZenithEffect(Effect):
+    """An effect that moves the sensor arm, point by point."""
+
+    @abstractmethod
+    def zenith_error(self, run: Acquisition, values: FloatArray) -> FloatArray:
+        """True minus commanded sensor zenith in degree, shape (n, point), for values of shape (n, parameter)."""
+
+    def reference_setup(self, values: FloatArray, reference_zenith: float) -> Setup:
+        """The instrument during the reference measurement, for values of shape (parameter,)."""
+        return Setup()
+
+
+class ReadingEffect(Effect):
+    """An effect on what is made of the light."""
+
+    @abstractmethod
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        """Reflectance factors that are read where ``brf`` is right.
+
+        Parameters
+        ----------
+        brf, shape (..., point)
+        values, shape (..., parameter)
+            Leading axes broadcast.
+
+        Returns
+        -------
+        array, shape (..., point)
+        """
+
+
+def nodes_between(cap: tuple[float, float], nominal: float, count: int) -> FloatArray:
+    """Ascending nodes from cap to cap, one of them at the nominal value; equally spaced on either side."""
+    low, high = cap
+    if nominal <= low or nominal >= high:
+        return np.linspace(low, high, count)
+    below = min(count - 2, max(1, round((count - 1) * (nominal - low) / (high - low))))
+    lower = np.linspace(low, nominal, below + 1)
+    return np.concatenate([lower, np.linspace(nominal, high, count - below)[1:]])

@@ -1,0 +1,137 @@
+"""What detector and amplifier make of the light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from instrument.angles import FloatArray
+from twin.diagnosis.acquisition import Acquisition
+from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect
+
+
+class StrayLight(ReadingEffect):
+    """Signal added at every geometry, the reference's too, over the reference reading."""
+
+    name = "stray_light"
+    title = "stray light"
+    parameters = (Parameter("fraction", "1", 0.0026, (0.0, 0.1)),)
+    confused_with = ("dark_offset", "detector_nonlinearity", "edge_chamfer", "arm_sag")
+    separated_by = "the same scan with a quarter of the light"
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        return np.asarray((brf + values / run.signal_per_brf) / (1 + values))
+
+
+class DarkOffset(ReadingEffect):
+    """Constant voltage added at the detector's output, in the reference reading too."""
+
+    name = "dark_offset"
+    title = "offset of the detector voltage"
+    parameters = (Parameter("voltage_v", "V", 0.005, (-0.2, 0.2)),)
+    needs = ("gain", "reference_gain", "reference_current")
+    confused_with = ("stray_light", "detector_nonlinearity", "gain_step")
+    separated_by = "the same scan with a quarter of the light"
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        assert run.gain is not None
+        assert run.reference_gain is not None
+        assert run.reference_current is not None
+        added = values / (run.gain * run.reference_current)
+        of_reference = values / (run.reference_gain * run.reference_current)
+        return np.asarray((brf + added / run.signal_per_brf) / (1 + of_reference))
+
+
+class DetectorNonlinearity(ReadingEffect):
+    """Response 1 + fraction (s - 1), s the signal over the reference reading."""
+
+    name = "detector_nonlinearity"
+    title = "detector not linear"
+    parameters = (Parameter("fraction", "1", 0.02, (-0.4, 0.4)),)
+    confused_with = ("stray_light", "dark_offset", "gain_step", "sample_height", "arm_sag")
+    separated_by = "the same scan with a quarter of the light"
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        return np.asarray(brf * (1 + values * (brf * run.signal_per_brf - 1)))
+
+
+class GainStep(ReadingEffect):
+    """Relative error of the higher gain range; a reference read in that range has it too."""
+
+    name = "gain_step"
+    title = "gain ranges do not agree"
+    parameters = (Parameter("fraction", "1", 0.02, (-0.2, 0.2)),)
+    needs = ("gain",)
+    confused_with = ("detector_nonlinearity", "dark_offset")
+    separated_by = "points read in both gain ranges"
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        assert run.gain is not None
+        highest = float(max(run.gain.max(), run.reference_gain or 0.0))
+        higher = np.isclose(run.gain, highest)
+        of_reference = bool(run.reference_gain is not None and np.isclose(run.reference_gain, highest))
+        return np.asarray(brf * (1 + values * higher) / (1 + values * of_reference))
+
+
+class Polarization(ReadingEffect):
+    """Response varying as cos(2 sensor azimuth) sin^2(sensor zenith)."""
+
+    name = "polarization"
+    title = "detector sensitive to polarisation"
+    parameters = (Parameter("fraction", "1", 0.04, (-0.5, 0.5)),)
+    confused_with = ("anisotropy", "specular_lobe")
+    separated_by = "the same scan with the polariser turned, or of the white reference"
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        here = _polarised(run.columns["sensor_zenith"], run.columns["sensor_azimuth"])
+        reference = float(np.mean(_polarised(np.asarray(run.reference_zenith), run.reference_azimuth)))
+        return np.asarray(brf * (1 + values * here) / (1 + values * reference))
+
+
+class ReferenceScale(ReadingEffect):
+    """Reference reading over what was assumed."""
+
+    name = "reference_scale"
+    title = "reference reading wrong"
+    parameters = (Parameter("ratio", "1", 0.014, (0.7, 1.4), nominal=1.0, budget_of="facility.reference.u_relative"),)
+    confused_with = ("reflectance_scale", "cavity_reflectance", "session_scale")
+    separated_by = "an absolute measurement of the sample"
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        return np.asarray(brf / values)
+
+
+class ArmShadow(ReadingEffect):
+    """Share of the light lost at the edge of the shadow cone, fading within about 15 degrees.
+
+    fraction * exp(-(angle^2 - edge^2)/width^2), angle that between illumination and view: the penumbra of the detector
+    head, half of it lost within about 8 degrees.
+    """
+
+    name = "arm_shadow"
+    title = "arm or detector head cuts the beam"
+    parameters = (Parameter("fraction", "1", 0.1, (0.0, 1.0)),)
+    confused_with = ("retroreflection",)
+    separated_by = "a scan of the white reference at several illumination zeniths"
+
+    _WIDTH_DEG, _EDGE_DEG = 8.0, 5.0
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        angle = phase_angle_deg(run.columns)
+        lost = np.exp(-np.maximum(angle**2 - self._EDGE_DEG**2, 0.0) / self._WIDTH_DEG**2)
+        return np.asarray(brf * (1 - values * lost))
+
+    def not_applicable(self, known: Known) -> str:
+        return "nothing shades the beam" if known.facility.arms.shadow_half_angle == 0 else ""
+
+
+def phase_angle_deg(columns: dict[str, FloatArray]) -> FloatArray:
+    """Angle between illumination and view, shape (point,)."""
+    from instrument.angles import direction
+
+    light = direction(columns["illumination_zenith"], columns["illumination_azimuth"])
+    view = direction(columns["sensor_zenith"], columns["sensor_azimuth"])
+    return np.asarray(np.rad2deg(2 * np.arcsin(np.clip(np.linalg.norm(light - view, axis=-1) / 2, 0, 1))))
+
+
+def _polarised(zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
+    return np.asarray(np.cos(2 * np.deg2rad(azimuth)) * np.sin(np.deg2rad(zenith)) ** 2)

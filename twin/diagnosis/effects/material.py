@@ -1,0 +1,117 @@
+"""How the coating reflects."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from instrument.angles import FloatArray
+from twin.artifact import Surface
+from twin.diagnosis.acquisition import Acquisition
+from twin.diagnosis.changes import Retroreflection, SpecularLobe
+from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect, SceneEffect
+from twin.diagnosis.variation import Variation
+
+_CAVITY = (Surface.FLOOR, Surface.UNDERSIDE, Surface.SPACER)
+
+
+class RetroreflectionPeak(SceneEffect):
+    """BRF added at exact retro-reflection, falling to 1/e within the width: exp(-angle/width)."""
+
+    name = "retroreflection"
+    title = "peak about retro-reflection"
+    parameters = (
+        Parameter("amplitude", "1", 0.06, (0.0, 0.6)),
+        Parameter("width_deg", "degree", 8.0, (3.0, 40.0), nominal=10.0, shape=True),
+    )
+    nodes: ClassVar = (4, 5)
+    confused_with = ("arm_shadow",)
+    separated_by = "illumination zeniths that bring retro-reflection to other sensor zeniths, with a white reference"
+
+    def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
+        amplitude, width = parameters
+        return np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1], np.geomspace(*width.cap, self.nodes[1])
+
+    def variation(self, values: FloatArray) -> Variation:
+        if values[0] == 0:
+            return Variation()
+        return Variation(material=(Retroreflection(float(values[0]), float(values[1])),))
+
+
+class SpecularReflection(SceneEffect):
+    """A microfacet lobe (Torrance-Sparrow, GGX) added: reflectance of the facets, and their roughness."""
+
+    name = "specular_lobe"
+    title = "specular lobe"
+    parameters = (
+        Parameter("amplitude", "1", 0.01, (0.0, 0.15)),
+        Parameter("roughness", "1", 0.15, (0.1, 0.7), nominal=0.3, shape=True),
+    )
+    nodes: ClassVar = (4, 5)
+    confused_with = ("polarization", "sensor_zenith_offset")
+    separated_by = "larger illumination zeniths, where the lobe grows and moves"
+
+    def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
+        amplitude, roughness = parameters
+        return np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1], np.geomspace(*roughness.cap, self.nodes[1])
+
+    def variation(self, values: FloatArray) -> Variation:
+        if values[0] == 0:
+            return Variation()
+        return Variation(material=(SpecularLobe(float(values[0]), float(values[1])),))
+
+
+class CavityReflectance(SceneEffect):
+    """Reflectance of floor, underside and spacer walls over nominal, the walls of the holes unchanged."""
+
+    name = "cavity_reflectance"
+    title = "coating inside the cavity brighter or darker"
+    parameters = (Parameter("ratio", "1", 0.07, (0.4, 1.4), nominal=1.0),)
+    nodes: ClassVar = (7,)
+    confused_with = ("reflectance_scale", "reference_scale", "translucency", "cavity_depth")
+    separated_by = "an independent measurement of the coating inside the cavity"
+
+    def not_applicable(self, known: Known) -> str:
+        return "the sample has no cavity" if not len(known.artifact.holes) else ""
+
+    def variation(self, values: FloatArray) -> Variation:
+        ratio = float(values[0])
+        return Variation(surface_factor=tuple((surface, ratio) for surface in _CAVITY))
+
+
+class ReflectanceScale(SceneEffect):
+    """Reflectance of the whole coating over nominal, with all its reflections."""
+
+    name = "reflectance_scale"
+    title = "coating brighter or darker than the coupon"
+    parameters = (Parameter("ratio", "1", 0.012, (0.8, 1.2), nominal=1.0),)
+    nodes: ClassVar = (5,)
+    confused_with = ("reference_scale", "cavity_reflectance")
+    separated_by = "an absolute measurement of the coupon, by an integrating sphere"
+
+    def variation(self, values: FloatArray) -> Variation:
+        ratio = float(values[0])
+        return Variation(surface_factor=tuple((surface, ratio) for surface in Surface))
+
+
+class Anisotropy(ReadingEffect):
+    """Relative modulation with twice the azimuth about an axis fixed in the sample.
+
+    1 + amplitude cos(2 (sensor azimuth - axis)) sin^2(sensor zenith): the lowest harmonic that is smooth where the view
+    along the normal has no azimuth.
+    """
+
+    name = "anisotropy"
+    title = "coating reflects differently along and across an axis"
+    parameters = (
+        Parameter("amplitude", "1", 0.04, (0.0, 0.5)),
+        Parameter("axis_deg", "degree", 45.0, (0.0, 180.0), shape=True),
+    )
+    confused_with = ("polarization",)
+    separated_by = "the same scan with the sample turned by 90 degrees"
+
+    def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
+        azimuth, sine2 = run.columns["sensor_azimuth"], np.sin(np.deg2rad(run.columns["sensor_zenith"])) ** 2
+        amplitude, axis = values[..., :1], values[..., 1:]
+        return np.asarray(brf * (1 + amplitude * np.cos(2 * np.deg2rad(azimuth - axis)) * sine2))

@@ -1,0 +1,72 @@
+"""Where and how the sample stands."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from instrument.angles import FloatArray
+from twin.diagnosis.effects.base import Parameter, SceneEffect
+from twin.diagnosis.variation import Variation
+from twin.optics import Setup
+
+
+class SampleTilt(SceneEffect):
+    """Sample rotated about the laboratory's x and y axes."""
+
+    name = "sample_tilt"
+    title = "sample tilted"
+    parameters = (
+        Parameter("x_deg", "degree", 0.55, (-3.5, 3.5), budget_of="facility.sample.u_tilt"),
+        Parameter("y_deg", "degree", 0.55, (-3.5, 3.5), budget_of="facility.sample.u_tilt"),
+    )
+    nodes: ClassVar = (5, 5)
+    confused_with = ("sensor_zenith_offset", "sensor_arm_runout", "beam_offset")
+    separated_by = "the same planes from both sides (azimuth and azimuth + 180), and the sample turned by 180 degrees"
+
+    def variation(self, values: FloatArray) -> Variation:
+        return Variation(Setup(tilt_x_deg=float(values[0]), tilt_y_deg=float(values[1])))
+
+
+class SampleAzimuth(SceneEffect):
+    """Sample rotated about its normal: of an isotropic material only the lattice of holes turns."""
+
+    name = "sample_azimuth"
+    title = "sample turned about its normal"
+    parameters = (Parameter("angle_deg", "degree", 7.8, (-15.0, 15.0), budget_of="facility.sample.u_azimuth"),)
+    nodes: ClassVar = (7,)
+    confused_with = ("sensor_azimuth_offset",)
+    separated_by = "a fine scan of the sensor azimuth across a lobe of the lattice"
+
+    def variation(self, values: FloatArray) -> Variation:
+        return Variation(Setup(sample_azimuth_deg=float(values[0])))
+
+
+class SampleHeight(SceneEffect):
+    """Sample raised along its nominal normal."""
+
+    name = "sample_height"
+    title = "sample too high or too low"
+    parameters = (Parameter("height_mm", "mm", 1.3, (-6.0, 6.0), budget_of="facility.sample.u_height"),)
+    nodes: ClassVar = (9,)
+    confused_with = ("edge_chamfer", "field_of_view")
+    separated_by = "a scan of the white reference over the sensor zenith"
+
+    def variation(self, values: FloatArray) -> Variation:
+        return Variation(Setup(height_mm=float(values[0])))
+
+
+class SampleOffset(SceneEffect):
+    """Sample moved in its plane: other holes come into the beam."""
+
+    name = "sample_offset"
+    title = "sample moved in its plane"
+    parameters = (
+        Parameter("x_mm", "mm", 2.4, (-2.1, 2.1), budget_of="facility.sample.u_offset"),
+        Parameter("y_mm", "mm", 2.4, (-2.1, 2.1), budget_of="facility.sample.u_offset"),
+    )
+    nodes: ClassVar = (7, 7)
+    confused_with = ("beam_offset",)
+    separated_by = "the same scan with the sample moved by half a pitch"
+
+    def variation(self, values: FloatArray) -> Variation:
+        return Variation(Setup(offset_x_mm=float(values[0]), offset_y_mm=float(values[1])))

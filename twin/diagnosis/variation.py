@@ -1,0 +1,92 @@
+"""What an effect changes in the twin's scene, as data: comparable, printable, and applied in one place."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from instrument.artifact import ArtifactDimensions
+from twin.artifact import Surface, SurfaceMesh
+from twin.material import Material
+from twin.optics import Setup
+
+
+class ArtifactChange(ABC):
+    """A change of the sample's dimensions; a frozen dataclass whose fields say everything."""
+
+    @abstractmethod
+    def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
+        """The changed dimensions."""
+
+    def mesh(self, mesh: SurfaceMesh) -> SurfaceMesh:
+        """The mesh of the changed dimensions, changed further."""
+        return mesh
+
+
+class MaterialChange(ABC):
+    """A change of the material; a frozen dataclass whose fields say everything."""
+
+    @abstractmethod
+    def apply(self, material: Material) -> Material:
+        """The changed material."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One scene that differs from the nominal one.
+
+    Attributes
+    ----------
+    setup
+        Of instrument and sample placement; numbers only.
+    reference
+        The instrument during the reference measurement; None for that of ``setup``.
+    artifact, material
+        Changes of dimensions and of reflection, applied in order.
+    surface_factor
+        Reflectance of surfaces over the nominal one.
+    """
+
+    setup: Setup = field(default_factory=Setup)
+    reference: Setup | None = None
+    artifact: tuple[ArtifactChange, ...] = ()
+    material: tuple[MaterialChange, ...] = ()
+    surface_factor: tuple[tuple[Surface, float], ...] = ()
+
+    def reference_setup(self) -> Setup:
+        """What is off while the reference is measured."""
+        return self.setup.without_sample() if self.reference is None else self.reference
+
+    def key(self) -> str:
+        """Tells variations apart, the same in every session."""
+        return repr(self)
+
+    def scene_key(self) -> str:
+        """Tells apart what needs a scene of its own."""
+        return repr((self.artifact, self.surface_factor, bool(self.material)))
+
+
+def together(first: Variation, second: Variation) -> Variation:
+    """Both at once: setups add, changes follow each other."""
+    added: dict[str, Any] = {}
+    for name in (f.name for f in fields(Setup)):
+        one, two = getattr(first.setup, name), getattr(second.setup, name)
+        if name == "square_target":
+            added[name] = one or two
+        elif name == "source_distance_mm":
+            added[name] = min(one, two)
+        else:
+            added[name] = one + two
+    factor = dict(first.surface_factor)
+    for surface, value in second.surface_factor:
+        factor[surface] = factor.get(surface, 1.0) * value
+    if first.reference is not None or second.reference is not None:
+        raise ValueError("variations with a reference setup of their own cannot be joined")
+    return replace(
+        first,
+        setup=Setup(**added),
+        artifact=first.artifact + second.artifact,
+        material=first.material + second.material,
+        surface_factor=tuple(sorted(factor.items())),
+    )

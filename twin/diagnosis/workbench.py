@@ -1,0 +1,228 @@
+"""The twin on the bench: one plan, rendered for many scenes that differ a little, with the same random numbers.
+
+Scenes that differ in instrument, sample placement or material share a launch; another mesh, or another reflectance of
+some surfaces, needs a tracer of its own. With common random numbers most of the ray tracer's error cancels from
+the logarithm of a ratio.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.angles import FloatArray
+from instrument.artifact import ArtifactDimensions
+from instrument.facility import Facility
+from instrument.lambertian import lambertian_flux
+from twin.artifact import SurfaceMesh, build_mesh
+from twin.diagnosis.effects.base import Known
+from twin.diagnosis.variation import Variation
+from twin.material import Material
+from twin.optics import COORDINATES, Setup, lay_out, reference_change
+from twin.tracer import RANDOMISATIONS, Tracer
+
+#: Raised whenever the same variation would give other numbers.
+VERSION = 1
+#: Sight lines of a geometry in each randomisation, a power of two.
+SAMPLES = 128
+#: Geometries in one launch at most: bounds the memory.
+_TOGETHER = 4096
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Variations that one tracer serves, and the table of each in its material."""
+
+    mesh: SurfaceMesh
+    material: Material
+    surface_factor: dict[Any, float]
+    members: list[int]
+    first_table: list[int]
+
+
+class Workbench:
+    """Renders a twin's plan with variations.
+
+    Parameters
+    ----------
+    facility, artifact, material
+        The nominal twin.
+    samples
+        Sight lines of a geometry in each randomisation; a power of two.
+    seed
+        Of the random numbers, the same for every variation.
+    """
+
+    def __init__(
+        self,
+        facility: Facility,
+        artifact: ArtifactDimensions,
+        material: Material,
+        *,
+        samples: int = SAMPLES,
+        seed: int = 20_231,
+    ) -> None:
+        self.known = Known(facility, artifact, material)
+        self.samples, self.seed = samples, seed
+        self._mesh: SurfaceMesh | None = None
+        self._nominal_tracer: Tracer | None = None
+
+    @property
+    def mesh(self) -> SurfaceMesh:
+        """The nominal sample."""
+        if self._mesh is None:
+            self._mesh = build_mesh(self.known.artifact)
+        return self._mesh
+
+    def digest(self) -> str:
+        """Tells apart all that changes a rendering but geometries and variation."""
+        known = self.known
+        parts: list[Any] = [VERSION, self.samples, self.seed]
+        parts += [known.facility.beam.model_dump_json(), known.facility.sensor.model_dump_json()]
+        parts.append(known.artifact.form.model_dump_json(exclude={"holes", "mesh"}))
+        digest = hashlib.sha256("\n".join(map(str, parts)).encode())
+        for array in (known.artifact.holes.x, known.artifact.holes.y, known.artifact.holes.diameter):
+            digest.update(np.ascontiguousarray(array, dtype=float).tobytes() + b"|")
+        material = known.material
+        wavelengths = np.zeros(0) if material.wavelengths is None else material.wavelengths
+        for array in (material.cos_o, material.phi_rad, material.cos_i, material.brdf, wavelengths):
+            digest.update(np.ascontiguousarray(array, dtype=float).tobytes() + b"|")
+        if known.artifact.mesh is not None:
+            digest.update(Path(known.artifact.mesh).read_bytes())
+        return digest.hexdigest()
+
+    def render(
+        self,
+        variations: Sequence[Variation],
+        columns: dict[str, FloatArray],
+        progress: Progress | None = None,
+    ) -> FloatArray:
+        """Detected flux over the Lambertian flux at the commanded geometry; the reference reading is not divided out.
+
+        Parameters
+        ----------
+        columns
+            Commanded geometries, from :func:`~twin.optics.geometry_columns`.
+        progress
+            Told the number of variations just done.
+
+        Returns
+        -------
+        array, shape (variation, point, RANDOMISATIONS)
+        """
+        points = len(columns["sensor_zenith"])
+        result = np.empty((len(variations), points, RANDOMISATIONS))
+        tables = self.known.material.table_index(columns["wavelength"])
+        keys = geometry_keys(columns)
+        each = max(1, _TOGETHER // max(points, 1))
+        for scene in self._scenes(variations):
+            tracer = self._tracer(scene)
+            for start in range(0, len(scene.members), each):
+                members = scene.members[start : start + each]
+                first = np.array(scene.first_table[start : start + each])
+                many = {name: np.tile(column, len(members)) for name, column in columns.items()}
+                setup = side_by_side([variations[m].setup for m in members], points)
+                radiance = tracer.radiance(
+                    lay_out(self.known.facility, many, setup),
+                    (first[:, None] + tables).ravel(),
+                    self.samples,
+                    seed=self.seed,
+                    keys=np.tile(keys, len(members)),
+                )
+                result[members] = radiance.reshape(len(members), points, RANDOMISATIONS)
+                if progress is not None:
+                    progress(len(members))
+        flux = lambertian_flux(
+            self.known.facility,
+            columns["illumination_zenith"],
+            columns["sensor_zenith"],
+            columns["sensor_azimuth"],
+            illumination_azimuth=columns["illumination_azimuth"],
+        )
+        return np.asarray(result / flux[:, None])
+
+    def reference_change(self, setup: Setup) -> float:
+        """Reference reading with an instrument that is off, over that of the nominal one."""
+        return reference_change(self.known.facility, setup)
+
+    def _scenes(self, variations: Sequence[Variation]) -> Iterator[_Scene]:
+        """Group variations by what a tracer holds, one scene at a time."""
+        groups: dict[str, list[int]] = {}
+        for number, variation in enumerate(variations):
+            groups.setdefault(variation.scene_key(), []).append(number)
+        for members in groups.values():
+            first = variations[members[0]]
+            mesh = self._changed_mesh(first)
+            by_grid: dict[tuple[bytes, ...], list[tuple[int, Material]]] = {}
+            for number in members:
+                material = self.known.material
+                for change in variations[number].material:
+                    material = change.apply(material)
+                grid = tuple(axis.tobytes() for axis in (material.cos_o, material.phi_rad, material.cos_i))
+                by_grid.setdefault(grid, []).append((number, material))
+            for some in by_grid.values():
+                yield _stack(mesh, some, dict(first.surface_factor))
+
+    def _changed_mesh(self, variation: Variation) -> SurfaceMesh:
+        if not variation.artifact:
+            return self.mesh
+        dimensions = self.known.artifact
+        for change in variation.artifact:
+            dimensions = change.dimensions(dimensions)
+        mesh = self.mesh if dimensions is self.known.artifact else build_mesh(dimensions)
+        for change in variation.artifact:
+            mesh = change.mesh(mesh)
+        return mesh
+
+    def _tracer(self, scene: _Scene) -> Tracer:
+        if scene.mesh is self._mesh and scene.material.name == _NOMINAL and not scene.surface_factor:
+            if self._nominal_tracer is None:
+                self._nominal_tracer = Tracer(scene.mesh, scene.material)
+            return self._nominal_tracer
+        return Tracer(scene.mesh, scene.material, surface_factor=scene.surface_factor or None)
+
+
+_NOMINAL = "nominal"
+
+
+def _stack(mesh: SurfaceMesh, some: list[tuple[int, Material]], factor: dict[Any, float]) -> _Scene:
+    """One material that holds the tables of all; equal ones once."""
+    different: dict[int, Material] = {id(material): material for _, material in some}
+    starts, total = {}, 0
+    for key, material in different.items():
+        starts[key] = total
+        total += len(material.brdf)
+    one = next(iter(different.values()))
+    brdf = np.concatenate([material.brdf for material in different.values()])
+    unchanged = len(different) == 1
+    together = Material(
+        one.cos_o,
+        one.phi_rad,
+        one.cos_i,
+        brdf,
+        np.arange(total, dtype=float),
+        name=_NOMINAL if unchanged else "varied",
+    )
+    members = [number for number, _ in some]
+    return _Scene(mesh, together, factor, members, [starts[id(material)] for _, material in some])
+
+
+def side_by_side(setups: Sequence[Setup], points: int) -> Setup:
+    """One setup for all: each field with a value a point, one variation after the other."""
+    names = [field.name for field in fields(Setup) if field.name != "square_target"]
+    values = {name: np.repeat([float(getattr(setup, name)) for setup in setups], points) for name in names}
+    return Setup(**values, square_target=setups[0].square_target)
+
+
+def geometry_keys(columns: dict[str, FloatArray]) -> NDArray[np.uint32]:
+    """Tell geometries apart by their angles: a geometry's random numbers do not depend on its company."""
+    rows = np.round(np.stack([columns[name] for name in COORDINATES], axis=1), 6) + 0.0
+    return np.array([zlib.crc32(row.tobytes()) for row in rows], dtype=np.uint32)
