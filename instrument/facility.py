@@ -5,11 +5,13 @@ Lengths in mm, angles in degree, uncertainties k = 1 (data contract, section Fac
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
+from instrument.beam_image import BeamImage, read_beam_image
 from instrument.forms import Form, read_form
 
 Positive = Annotated[float, Field(gt=0)]
@@ -21,30 +23,98 @@ Budgeted = Relative | tuple[Relative, Relative]
 
 
 class Beam(Form):
-    """The illumination: a beam through an iris."""
+    """The illumination: a beam through an iris.
+
+    Iris and gaussian may be elliptic: ``diameter`` and ``radius_1_e2`` then belong to a first axis, the keys that end
+    in ``_across`` to a second one across it. ``orientation`` turns the first axis, and the picture of a beam profiler,
+    from the direction of growing illumination zenith towards that of growing azimuth.
+    """
 
     diameter: Positive | Literal["unbounded"]
-    profile: Literal["gaussian", "tophat"] = "gaussian"
+    diameter_across: Positive | None = None
+    profile: Literal["gaussian", "tophat", "image"] = "gaussian"
     radius_1_e2: Positive | None = None
+    radius_1_e2_across: Positive | None = None
+    orientation: float = 0.0
+    image: str | None = None
+    pixel_pitch: Positive | None = None
+    image_axis: Literal["middle", "centroid"] = "middle"
     divergence: NonNegative = 0.0
     u_divergence: NonNegative = 0.0
     u_diameter: NonNegative = 0.0
+    _picture: BeamImage | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
-    def _gaussian_needs_a_radius(self) -> Beam:
+    def _profile_is_known(self) -> Beam:
         if self.profile == "gaussian" and self.diameter != "unbounded" and self.radius_1_e2 is None:
             raise ValueError("a gaussian beam needs radius_1_e2 (mm)")
+        if self.radius_1_e2_across is not None and (self.profile != "gaussian" or self.radius_1_e2 is None):
+            raise ValueError("radius_1_e2_across belongs to a gaussian beam with radius_1_e2 (mm)")
+        if self.diameter_across is not None and self.diameter == "unbounded":
+            raise ValueError("diameter_across (mm) needs a diameter (mm)")
+        if self.profile == "image" and self.image is None:
+            raise ValueError("a beam of profile image needs image, the file of its picture")
+        if self.profile != "image" and (self.image is not None or self.pixel_pitch is not None):
+            raise ValueError('image and pixel_pitch belong to profile = "image"')
         return self
+
+    @property
+    def picture(self) -> BeamImage | None:
+        """The irradiance where the profile is an image."""
+        if self.profile == "image" and self._picture is None:
+            raise ValueError(f"the image of the beam, {self.image}, was not read; use read_facility or with_picture")
+        return self._picture
+
+    def with_picture(self, picture: BeamImage) -> Beam:
+        """This beam with the content of its image."""
+        beam = self.model_copy()
+        beam._picture = picture
+        return beam
+
+    @property
+    def iris(self) -> tuple[float, float]:
+        """Semi-axes of the iris, mm."""
+        if self.diameter == "unbounded":
+            return (math.inf, math.inf)
+        return (self.diameter / 2, (self.diameter_across or self.diameter) / 2)
+
+    @property
+    def decay(self) -> tuple[float, float]:
+        """Decay of the irradiance with the squared distance along the two axes, 1/mm2; 0 where it is not gaussian."""
+        if self.profile != "gaussian" or self.radius_1_e2 is None:
+            return (0.0, 0.0)
+        return (2 / self.radius_1_e2**2, 2 / (self.radius_1_e2_across or self.radius_1_e2) ** 2)
 
 
 class Sensor(Form):
-    """A target disc on the optical centre, seen from a collecting mirror disc; ``mirror_diameter`` 0: parallel."""
+    """A target disc on the optical centre, seen from a collecting mirror disc; ``mirror_diameter`` 0: parallel.
+
+    A field stop limits what is seen besides: a circle about the axis, ``field_stop_distance`` from the optical
+    centre, whose transmission falls linearly within ``field_stop_edge`` across its rim.
+    """
 
     target_diameter: Positive
     target_shape: Literal["disc", "horizontal_disc"] = "disc"
     mirror_diameter: NonNegative = 0.0
     mirror_distance: Positive = 204.7
+    field_stop_diameter: Positive | None = None
+    field_stop_edge: NonNegative = 0.0
+    field_stop_distance: NonNegative = 0.0
     u_target_diameter: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _stop_is_possible(self) -> Sensor:
+        if self.field_stop_diameter is None:
+            if self.field_stop_edge or self.field_stop_distance:
+                raise ValueError("field_stop_edge and field_stop_distance need field_stop_diameter (mm)")
+            return self
+        if self.target_shape != "disc":
+            raise ValueError('a field stop needs target_shape = "disc"')
+        if self.field_stop_edge > self.field_stop_diameter:
+            raise ValueError("field_stop_edge: expected at most field_stop_diameter")
+        if self.field_stop_distance > self.mirror_distance / 2:
+            raise ValueError("field_stop_distance: expected at most half of mirror_distance")
+        return self
 
 
 class Arms(Form):
@@ -128,5 +198,16 @@ UNKNOWN_FACILITY = Facility(
 
 
 def read_facility(path: Path) -> Facility:
-    """Read ``facility.toml``; an :class:`~instrument.errors.InputError` names every wrong key."""
-    return read_form(path, Facility)
+    """Read ``facility.toml`` and the picture of the beam that it may name.
+
+    Raises
+    ------
+    InputError
+        Naming file and every wrong key.
+    """
+    facility = read_form(path, Facility)
+    beam = facility.beam
+    if beam.image is None:
+        return facility
+    picture = read_beam_image(path.parent / beam.image, beam.pixel_pitch, about_centroid=beam.image_axis == "centroid")
+    return facility.model_copy(update={"beam": beam.with_picture(picture)})

@@ -44,9 +44,11 @@ def lambertian_flux(
     angles = np.broadcast_arrays(*(np.asarray(angle, dtype=float) for angle in given))
     shape = angles[0].shape
     illumination, illumination_az, sensor, sensor_az = (np.ravel(angle) for angle in angles)
-    # Only the azimuth between the arms matters: work in the frame of the illumination, each geometry once.
-    between = np.mod(sensor_az - illumination_az + np.where(illumination < 0, 180.0, 0.0), 360.0)
-    geometries = np.round(np.stack([np.abs(illumination), sensor, between]), 10)
+    # Only the azimuth between the arms matters: work in the frame of the illumination, each geometry once. At a
+    # negative zenith the beam's cross-section has turned by 180 degrees, which a picture does not survive.
+    turned = (illumination < 0) & (facility.beam.profile != "image")
+    between = np.mod(sensor_az - illumination_az + np.where(turned, 180.0, 0.0), 360.0)
+    geometries = np.round(np.stack([np.where(turned, -illumination, illumination), sensor, between]), 10)
     keys, inverse = np.unique(geometries, axis=1, return_inverse=True)
     values = plane_flux(lay_out(facility, _columns(*keys)))
     return np.asarray(values[np.ravel(inverse)].reshape(shape))

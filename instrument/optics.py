@@ -7,14 +7,18 @@ that of the *commanded* one (data contract, section What the measured BRF is).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import math
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from instrument.angles import FloatArray, direction
+from instrument.beam_image import BeamImage
 from instrument.facility import Facility
+
+_SHARPEST_MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ class Setup:
     beam_radius_mm: Any = 0.0
     target_radius_mm: Any = 0.0
     mirror_radius_mm: Any = 0.0
+    stop_radius_mm: Any = 0.0
     divergence_deg: Any = 0.0
     source_distance_mm: Any = np.inf
     square_target: bool = False
@@ -70,8 +75,16 @@ class Layout:
 
     A sensor ray joins the point ``target + u * along + v * across`` (u, v of the unit disc, or of the square)
     with a mirror point; the direction towards the sensor there is proportional to
-    ``view + inverse_distance * (mirror point - target point)``. The light comes from ``light``, or for a point source
-    from ``light - inverse_source * (place - beam)``, with irradiance exp(-decay r^2) inside ``radius``.
+    ``view + inverse_distance * (mirror point - target point)``. It counts with the transmission of the field stop
+    at the place where it crosses the plane of the stop. The light comes from ``light``, or for a point source from
+    ``light - inverse_source * (place - beam)``. Where it crosses the plane through ``beam`` at (p, q) along ``light_u``
+    and ``light_v``, the irradiance is exp(-falloff . (p^2, q^2)) times that of ``picture``, inside the ellipse with the
+    semi-axes ``iris``; ``radius`` is the longer one.
+
+    Attributes
+    ----------
+    stop
+        Radius, width of the rim and distance over that of the mirror of the field stop; an infinite radius for none.
     """
 
     target: FloatArray
@@ -86,18 +99,22 @@ class Layout:
     light_v: FloatArray
     beam: FloatArray
     radius: FloatArray
+    iris: FloatArray
     decay: FloatArray
+    falloff: FloatArray
     inverse_source: FloatArray
     divergence_rad: FloatArray
+    stop: FloatArray
     square: bool
+    picture: BeamImage | None = None
 
     def __len__(self) -> int:
         return len(self.view)
 
     def take(self, chosen: NDArray[Any]) -> Layout:
         """The layout of some of the geometries."""
-        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name != "square"}
-        return Layout(**arrays, square=self.square)
+        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name not in ("square", "picture")}
+        return replace(self, **arrays)
 
 
 def lay_out(facility: Facility, columns: dict[str, FloatArray], setup: Setup | None = None) -> Layout:
@@ -143,7 +160,17 @@ def lay_out(facility: Facility, columns: dict[str, FloatArray], setup: Setup | N
     target_radius = per_point(sensor.target_diameter / 2 + setup.target_radius_mm)[:, None]
     parallel = flat or sensor.mirror_diameter == 0
     mirror_radius = per_point(0.0 if parallel else sensor.mirror_diameter / 2 + setup.mirror_radius_mm)[:, None]
-    radius, decay = _profile(facility)
+    iris = np.asarray(beam.iris) + per_point(setup.beam_radius_mm)[:, None]
+    # The edge of a stop without one is a micrometre wide: a step has no place in single precision.
+    stop_radius = math.inf if sensor.field_stop_diameter is None else sensor.field_stop_diameter / 2
+    stop = vector(
+        stop_radius + setup.stop_radius_mm,
+        max(sensor.field_stop_edge, _SHARPEST_MM),
+        0.0 if parallel else sensor.field_stop_distance / sensor.mirror_distance,
+    )
+    turn = np.deg2rad(beam.orientation)
+    first = math.cos(turn) * light_u + math.sin(turn) * light_v
+    second = math.cos(turn) * light_v - math.sin(turn) * light_u
     return Layout(
         target=turned(target - shift),
         along=turned(target_along * target_radius),
@@ -153,24 +180,19 @@ def lay_out(facility: Facility, columns: dict[str, FloatArray], setup: Setup | N
         mirror_across=turned(across * mirror_radius),
         inverse_distance=per_point(0.0 if parallel else 1 / sensor.mirror_distance),
         light=turned(light),
-        light_u=turned(light_u),
-        light_v=turned(light_v),
+        light_u=turned(first),
+        light_v=turned(second),
         beam=turned(vector(setup.beam_x_mm, setup.beam_y_mm, 0.0) - shift),
-        radius=per_point(radius + setup.beam_radius_mm),
-        decay=per_point(decay),
+        radius=iris.max(axis=1),
+        iris=iris,
+        decay=per_point(beam.decay[0]),
+        falloff=np.tile(beam.decay, (count, 1)),
         inverse_source=per_point(1 / np.asarray(setup.source_distance_mm)),
         divergence_rad=np.deg2rad(per_point(beam.divergence + setup.divergence_deg)),
+        stop=stop,
         square=setup.square_target,
+        picture=beam.picture,
     )
-
-
-def _profile(facility: Facility) -> tuple[float, float]:
-    """Radius of the iris in mm and the decay of the irradiance with the squared radius in 1/mm2."""
-    beam = facility.beam
-    radius = np.inf if beam.diameter == "unbounded" else beam.diameter / 2
-    gaussian = beam.profile == "gaussian" and beam.radius_1_e2 is not None
-    decay = 2 / beam.radius_1_e2**2 if gaussian and beam.radius_1_e2 is not None else 0.0
-    return radius, decay
 
 
 def _rotation(setup: Setup, per_point: Any) -> FloatArray:

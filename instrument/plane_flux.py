@@ -11,12 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from instrument.optics import Layout
+from instrument.plane_edges import Around, Stop, along_radius, crossings, inside_light, tangents
 
 
 class _Fineness(NamedTuple):
@@ -35,8 +38,8 @@ _GRAZING_COSINE, _NEAR_HORIZON = 0.165, 3.0
 #: A gaussian beam without an iris ends here, in units of its 1/e^2 radius: exp(-2 * 3.5^2) = 2e-11.
 _GAUSSIAN_END = 3.5
 _CHUNK = 128
-#: Cosine and sine of the angles around the target, shape (point, psi) each.
-_Around = tuple[FloatArray, FloatArray]
+#: Nodes along a radius over a picture of the beam, and panels around the target.
+_PICTURE_NODES, _PICTURE_PANELS = (16, 64), 16
 
 
 def plane_flux(layout: Layout) -> FloatArray:
@@ -53,13 +56,17 @@ def plane_flux(layout: Layout) -> FloatArray:
     -------
     array, shape (point,)
         Dimensionless. The quadrature error is below 1e-5 of it up to a view of 88 degrees; it grows to 5e-4 at 90
-        degrees, where the plane cuts the mirror.
+        degrees, where the plane cuts the mirror, and where a field stop far off the target cuts it.
     """
     if layout.square:
         raise ValueError("the quadrature knows targets that are discs")
     values = np.empty(len(layout))
     grazing = (np.abs(layout.view[:, 2]) < _GRAZING_COSINE) | (_horizon(layout)[0] < _NEAR_HORIZON)
     for fineness, which in ((_NORMAL, ~grazing), (_GRAZING, grazing)):
+        if layout.picture is not None:
+            fineness = fineness._replace(around_target=_PICTURE_PANELS)
+        if np.any(layout.stop[:, 2]):  # off the target, its rim cuts the mirror
+            fineness = fineness._replace(along_mirror=max(16, fineness.along_mirror), across_mirror=8)
         rows = np.flatnonzero(which)
         for start in range(0, len(rows), _CHUNK):
             chunk = rows[start : start + _CHUNK]
@@ -69,10 +76,10 @@ def plane_flux(layout: Layout) -> FloatArray:
 
 def _flux(layout: Layout, fineness: _Fineness) -> FloatArray:
     flux = np.zeros(len(layout))
-    visible = _visible_radius(layout)
+    visible = _visible_ellipse(layout)
     for deviation_u, deviation_v, share in _deviations(layout):
         for mirror, weight in _mirror_nodes(layout, fineness):
-            flux += share * weight * _target_mean(layout, fineness, mirror, deviation_u, deviation_v, visible)
+            flux += share * weight * _target_mean(layout, fineness, mirror, (deviation_u, deviation_v), visible)
     return flux
 
 
@@ -134,34 +141,34 @@ def _target_mean(
     layout: Layout,
     fineness: _Fineness,
     mirror: FloatArray,
-    deviation_u: FloatArray,
-    deviation_v: FloatArray,
+    deviation: tuple[FloatArray, FloatArray],
     visible: FloatArray,
 ) -> FloatArray:
     """Mean of the irradiance over the target, seen from one point of the mirror (or along one direction)."""
     towards = layout.view + layout.inverse_distance[:, None] * mirror
     on_plane = _target_to_plane(layout, towards)
-    on_beam = _plane_to_beam(layout, deviation_u, deviation_v) @ _homogeneous(on_plane)
-    edged = on_beam.copy()  # in units of the visible radius
-    edged[:, :2] /= np.where(np.isfinite(visible), visible, 1.0)[:, None, None]
-    psi, weight = _panels(fineness, edged, visible)
+    on_beam = _plane_to_beam(layout, *deviation) @ _homogeneous(on_plane)
+    edged = on_beam.copy()  # in units of the light's semi-axes
+    edged[:, :2] /= np.where(np.isfinite(visible), visible, 1.0)[:, :, None]
+    bounded = np.isfinite(visible[:, 0])
+    stop = Stop.of(layout, mirror)
+    psi, weight = _panels(fineness, edged, bounded, stop)
     around = np.cos(psi), np.sin(psi)
-    low, high = _inside(edged, around, visible)
-    drop, height = _along(on_plane, 2, around), on_plane[:, 2, 2:]
+    low, high = inside_light(edged, around, bounded)
+    drop, height = along_radius(on_plane, 2, around), on_plane[:, 2, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
         high = np.where(drop < 0, np.minimum(high, -height / drop), high)
     low = np.minimum(low, high)
+    ends = [low, high] if stop is None else stop.divide(around, low, high)
     nodes, weights = _gauss_legendre(_radial_nodes(layout, visible))
-    s = low[..., None] + (high - low)[..., None] * nodes
-    irradiance = _irradiance(layout, on_plane, on_beam, around, s, (deviation_u, deviation_v))
-    radial = (s * irradiance) @ weights
-    mean = np.sum(weight * radial * (high - low), axis=-1) / np.pi
+    mean = np.zeros(len(layout))
+    for start, end in pairwise(ends):
+        s = start[..., None] + (end - start)[..., None] * nodes
+        irradiance = _irradiance(layout, on_plane, on_beam, around, s, deviation)
+        if stop is not None:
+            irradiance = irradiance * stop.transmission(around, s)
+        mean += np.sum(weight * ((s * irradiance) @ weights) * (end - start), axis=-1) / np.pi
     return np.where((towards[:, 2] > 0) & (layout.light[:, 2] > 0), mean, 0.0)
-
-
-def _along(matrix: FloatArray, row: int, around: _Around) -> FloatArray:
-    """Change of a row of a map along a radius of the target, shape (point, psi)."""
-    return matrix[:, row, :1] * around[0] + matrix[:, row, 1:2] * around[1]
 
 
 def _target_to_plane(layout: Layout, towards: FloatArray) -> FloatArray:
@@ -206,20 +213,23 @@ def _irradiance(
     layout: Layout,
     on_plane: FloatArray,
     on_beam: FloatArray,
-    around: _Around,
+    around: Around,
     s: FloatArray,
     deviation: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
     """Irradiance of the plane at s * around of the target, shape (point, psi, node)."""
 
     def at(matrix: FloatArray, row: int) -> FloatArray:
-        return matrix[:, row, 2, None, None] + s * _along(matrix, row, around)[..., None]
+        return matrix[:, row, 2, None, None] + s * along_radius(matrix, row, around)[..., None]
 
     profile: FloatArray = np.ones_like(s)
-    if np.any(layout.decay):
+    if np.any(layout.falloff) or layout.picture is not None:
+        u, v, w = (at(on_beam, row) for row in range(3))
         with np.errstate(divide="ignore", invalid="ignore"):
-            r2 = (at(on_beam, 0) ** 2 + at(on_beam, 1) ** 2) / at(on_beam, 2) ** 2
-        profile = np.exp(-layout.decay[:, None, None] * r2)
+            if layout.picture is not None:
+                profile = layout.picture.at(u / w, v / w)
+            decay_u, decay_v = (layout.falloff[:, k, None, None] for k in (0, 1))
+            profile = profile * np.exp(-(decay_u * u**2 + decay_v * v**2) / w**2)
     axis = layout.light + deviation[0][:, None] * layout.light_u + deviation[1][:, None] * layout.light_v
     if not np.any(layout.inverse_source):
         return profile * (axis[:, 2] / np.linalg.norm(axis, axis=1))[:, None, None]
@@ -232,32 +242,9 @@ def _irradiance(
     return profile * light[..., 2] / np.linalg.norm(light, axis=-1) / squared
 
 
-def _inside(edged: FloatArray, around: _Around, visible: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """From which to which s a radius of the target lies inside the beam, shape (point, psi) each."""
-    shape = around[0].shape
-    bounded = np.isfinite(visible)[:, None]
-    if not np.any(bounded):
-        return np.zeros(shape), np.ones(shape)
-    u, v, w = (_along(edged, row, around) for row in range(3))
-    u_0, v_0, w_0 = (edged[:, row, 2:] for row in range(3))
-    a, b = u * u + v * v - w * w, u * u_0 + v * v_0 - w * w_0
-    c = np.broadcast_to(u_0**2 + v_0**2 - w_0**2, shape)
-    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-    half = -(b + np.where(b < 0, -root, root))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crosses = b * b >= a * c
-        roots = [
-            np.where((s > 0) & (w_0 + s * w > 0) & crosses, s, np.inf)  # on this side of the source
-            for s in (half / a, c / half)
-        ]
-    first, second = np.minimum(*roots), np.maximum(*roots)
-    within = c <= 0
-    low = np.where(within, 0.0, np.minimum(first, 1.0))
-    high = np.where(within, np.minimum(first, 1.0), np.minimum(second, 1.0))
-    return np.where(bounded, low, 0.0), np.where(bounded, high, 1.0)
-
-
-def _panels(fineness: _Fineness, edged: FloatArray, visible: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _panels(
+    fineness: _Fineness, edged: FloatArray, bounded: NDArray[np.bool_], stop: Stop | None
+) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights around the target, shape (point, node): panels that end where the integrand has a kink."""
     count = len(edged)
     fixed = np.broadcast_to(
@@ -267,11 +254,15 @@ def _panels(fineness: _Fineness, edged: FloatArray, visible: FloatArray) -> tupl
     length_a, length_b = (np.linalg.norm(edged[:, :2, k], axis=1)[:, None] for k in (0, 1))
     aside = False
     limits = [fixed, np.arctan2(length_a * np.sin(chi), length_b * np.cos(chi))]
-    if np.any(np.isfinite(visible)):
+    if stop is not None:
+        limits += [crossings(rim) for rim in stop.rims()]
+    if np.any(bounded):
         conic = np.einsum("nki,k,nkj->nij", edged, np.array([1.0, 1.0, -1.0]), edged)
-        limits.append(_crossings(conic))
+        limits.append(crossings(conic))
+        if stop is not None:
+            limits += [stop.crossings(conic, rim) for rim in (0, 1)]
         if aside := bool(np.any(conic[:, 2, 2] > 0)):
-            limits.append(_tangents(conic))
+            limits.append(tangents(conic))
     edges = np.sort(np.mod(np.concatenate(limits, axis=-1), 2 * np.pi), axis=-1)
     edges = np.concatenate([edges, edges[:, :1] + 2 * np.pi], axis=-1)
     nodes, weights = _gauss_legendre(fineness.panel)
@@ -282,48 +273,26 @@ def _panels(fineness: _Fineness, edged: FloatArray, visible: FloatArray) -> tupl
     return psi.reshape(count, -1), weight.reshape(count, -1)
 
 
-def _crossings(conic: FloatArray) -> FloatArray:
-    """Angles where conics, shape (point, 3, 3), meet the unit circle, shape (point, 4).
-
-    On the circle a conic is a trigonometric polynomial of degree two, and with z = exp(i psi) a quartic in z whose
-    coefficients are conjugate in pairs. Roots off the unit circle are no crossings; a panel that ends at their argument
-    does no harm.
-    """
-    leading = (conic[:, 0, 0] - conic[:, 1, 1]) / 4 - 0.5j * conic[:, 0, 1]
-    second = conic[:, 0, 2] - 1j * conic[:, 1, 2]
-    middle = (conic[:, 0, 0] + conic[:, 1, 1]) / 2 + conic[:, 2, 2]
-    scale = np.abs(conic[:, 0, 0]) + np.abs(conic[:, 1, 1]) + 1e-30
-    leading = np.where(np.abs(leading) < 1e-12 * scale, 1e-12 * scale, leading)  # a circle has no crossings
-    companion = np.zeros((len(conic), 4, 4), dtype=complex)
-    companion[:, 1:, :3] = np.eye(3)
-    for row, coefficient in enumerate((np.conj(leading), np.conj(second), middle, second)):
-        companion[:, row, 3] = -coefficient / leading
-    return np.asarray(np.angle(np.linalg.eigvals(companion)))
-
-
-def _tangents(conic: FloatArray) -> FloatArray:
-    """Angles of the lines through the origin that touch conics, shape (point, 4); anything where there are none."""
-    form = conic[:, :2, 2, None] * conic[:, None, :2, 2] - conic[:, :2, :2] * conic[:, 2, 2, None, None]
-    mean, half = (form[:, 0, 0] + form[:, 1, 1]) / 2, (form[:, 0, 0] - form[:, 1, 1]) / 2
-    length = np.hypot(half, form[:, 0, 1])
-    middle = np.arctan2(form[:, 0, 1], half) / 2
-    aside = np.arccos(np.clip(-mean / np.maximum(length, 1e-300), -1.0, 1.0)) / 2
-    return np.stack([middle + aside, middle - aside, middle + aside + np.pi, middle - aside + np.pi], axis=-1)
-
-
 def _radial_nodes(layout: Layout, visible: FloatArray) -> int:
-    """Nodes that a radius needs: the narrower the gaussian inside the iris, the more."""
-    exponent = layout.decay * np.where(layout.decay > 0, visible, 0.0) ** 2
-    if np.any(layout.inverse_source) or np.any(exponent):
-        return 5 + int(0.75 * float(exponent.max()))
-    return 1  # the integrand is linear
+    """Nodes that a radius needs: the narrower the gaussian or the pixels inside the iris, the more."""
+    nodes = 1  # of a linear integrand
+    exponent = layout.falloff * np.where(layout.falloff > 0, visible, 0.0) ** 2
+    if np.any(layout.inverse_source) or np.any(exponent) or np.any(np.isfinite(layout.stop[:, 0])):
+        nodes = 5 + int(0.75 * float(exponent.max()))
+    if layout.picture is not None:
+        pixels = float(visible.max()) / min(layout.picture.pitch)
+        nodes = max(nodes, int(np.clip(pixels, *_PICTURE_NODES)))
+    return nodes
 
 
-def _visible_radius(layout: Layout) -> FloatArray:
-    """Where the irradiance ends, mm from the beam's axis; infinite for a beam without an edge; shape (point,)."""
+def _visible_ellipse(layout: Layout) -> FloatArray:
+    """Semi-axes of the edge of the light, mm, shape (point, 2); infinite for a beam without an edge."""
     with np.errstate(divide="ignore"):
-        end = np.where(layout.decay > 0, _GAUSSIAN_END * np.sqrt(2 / layout.decay), np.inf)
-    return np.asarray(np.minimum(layout.radius, end))
+        end = np.where(layout.falloff > 0, _GAUSSIAN_END * np.sqrt(2 / layout.falloff), np.inf)
+    if layout.picture is not None:
+        end = np.minimum(end, layout.picture.reach)
+    inner = np.all(end < layout.iris, axis=1, keepdims=True)
+    return np.where(inner, end, layout.iris)
 
 
 @lru_cache(maxsize=16)

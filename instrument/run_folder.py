@@ -10,6 +10,7 @@ import tomli_w
 
 from instrument.artifact import read_artifact
 from instrument.errors import InputError
+from instrument.facility import read_facility
 from instrument.files import sync_folder, write_atomically
 from instrument.forms import read_toml
 from instrument.journal import JOURNAL_NAME
@@ -117,6 +118,27 @@ def copy_artifact(source: Path, folder: Path) -> Path:
     return _write_new(folder / ARTIFACT_NAME, tomli_w.dumps(form | names).encode(), str(source))
 
 
+def copy_facility(source: Path, folder: Path) -> Path:
+    """Copy a facility with the picture of its beam, if it names one.
+
+    Raises
+    ------
+    InputError
+        If the facility is wrong.
+    """
+    read_facility(source)
+    form = read_toml(source)
+    image = form["beam"].get("image")
+    if image is None:
+        return copy_file(source, folder, FACILITY_NAME)
+    name = Path(image).name
+    copy_file(source.parent / image, folder, name)
+    if image == name:
+        return copy_file(source, folder, FACILITY_NAME)
+    moved = form | {"beam": form["beam"] | {"image": name}}
+    return _write_new(folder / FACILITY_NAME, tomli_w.dumps(moved).encode(), str(source))
+
+
 def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:
     """Copy what a scan works from into its folder; the scan goes on with the copies.
 
@@ -130,7 +152,7 @@ def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:
     return replace(
         inputs,
         plan_path=copy_file(inputs.plan_path, folder, PLAN_NAME),
-        facility_path=copy_file(inputs.facility_path, folder, FACILITY_NAME),
+        facility_path=copy_facility(inputs.facility_path, folder),
         artifact=copy_artifact(inputs.artifact, folder) if inputs.artifact else None,
         material=copy_file(inputs.material, folder, MATERIAL_NAME) if inputs.material else None,
     )

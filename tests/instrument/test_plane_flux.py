@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from example_runs import facility
 from scipy.integrate import quad
+from scipy.special import erf
 from scipy.stats import ncx2
 
+from instrument.beam_image import BeamImage
 from instrument.facility import Beam, Facility, Reference, Sensor
 from instrument.lambertian import lambertian_flux, reference_change
 from instrument.optics import Setup, lay_out
@@ -175,3 +178,109 @@ def test_what_differs_from_point_to_point_counts_with_its_mean() -> None:
 def test_a_square_target_is_refused() -> None:
     with pytest.raises(ValueError, match="discs"):
         flux(facility(), 0.0, 0.0, 0.0, Setup(square_target=True))
+
+
+def strips(width: Callable[[float], float], half: float) -> float:
+    """Integral over a figure from its strips, over the area of the target."""
+    area, _ = quad(width, -half, half, epsabs=1e-10, epsrel=1e-10, limit=200)
+    return area / (np.pi * 5.4**2)
+
+
+@pytest.mark.parametrize("orientation", [0.0, 35.0])
+def test_an_elliptic_gaussian_on_the_target(orientation: float) -> None:
+    of = instrument(
+        {"radius_1_e2": 3.0, "radius_1_e2_across": 5.0, "diameter": "unbounded", "orientation": orientation}, PARALLEL
+    )
+    root = np.sqrt(2) / 5.0
+    expected = strips(
+        lambda x: np.exp(-2 * x**2 / 9.0) * erf(root * np.sqrt(5.4**2 - x**2)) * np.sqrt(np.pi) / root, 5.4
+    )
+    assert flux(of, 0.0, 0.0, 0.0, Setup()) == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_elliptic_iris_on_the_target() -> None:
+    of = instrument(UNIFORM | {"diameter": 14.0, "diameter_across": 6.0}, PARALLEL)
+    expected = strips(lambda x: 2 * min(np.sqrt(5.4**2 - x**2), 3.0 * np.sqrt(1 - x**2 / 49)), 5.4)
+    assert flux(of, 0.0, 0.0, 0.0, Setup()) == pytest.approx(expected, rel=1e-6)
+    wider = strips(lambda x: 2 * min(np.sqrt(5.4**2 - x**2), 3.2 * np.sqrt(1 - x**2 / 7.2**2)), 5.4)
+    assert flux(of, 0.0, 0.0, 0.0, Setup(beam_radius_mm=0.2)) == pytest.approx(wider, rel=1e-6)
+
+
+def test_an_ellipse_turns_with_its_orientation() -> None:
+    elliptic = {"radius_1_e2": 4.0, "radius_1_e2_across": 9.0, "diameter": 14.0, "diameter_across": 24.0}
+    straight = flux(instrument(elliptic), 0.0, 60.0, 20.0, Setup())
+    turned = flux(instrument(elliptic | {"orientation": 50.0}), 0.0, 60.0, 70.0, Setup())
+    assert turned == pytest.approx(straight, rel=1e-5)
+    assert flux(instrument(elliptic), 0.0, 60.0, 70.0, Setup()) != pytest.approx(straight, rel=1e-2)
+
+
+def test_an_ellipse_stays_with_the_illumination_arm() -> None:
+    of = instrument({"radius_1_e2": 4.0, "radius_1_e2_across": 9.0, "orientation": 30.0})
+    there = lambertian_flux(of, -35.0, 50.0, 65.0)
+    assert there == pytest.approx(flux(of, -35.0, 50.0, 65.0, Setup()), rel=1e-9)
+
+
+def picture(u: Any, v: Any, values: Any) -> BeamImage:
+    return BeamImage(np.asarray(values, dtype=float), (u[1] - u[0], v[1] - v[0]), (float(u[0]), float(v[0])))
+
+
+def pictured(image: BeamImage, sensor: dict[str, Any], orientation: float = 0.0) -> Facility:
+    beam = Beam(diameter="unbounded", profile="image", image="beam.npy", pixel_pitch=0.1, orientation=orientation)
+    return instrument(sensor=sensor).model_copy(update={"beam": beam.with_picture(image)})
+
+
+@pytest.mark.parametrize("geometry", [(0.0, 15.0, 0.0), (50.0, -40.0, 60.0)])
+def test_the_picture_of_a_gaussian_is_a_gaussian(geometry: tuple[float, float, float]) -> None:
+    u, v = np.arange(-12, 12.01, 0.1), np.arange(-11, 11.01, 0.1)
+    image = picture(u, v, np.exp(-2 * (u[None] ** 2 / 16 + v[:, None] ** 2 / 9)))
+    of = pictured(image, {}, orientation=25.0)
+    known = instrument(
+        {"diameter": "unbounded", "radius_1_e2": 4.0, "radius_1_e2_across": 3.0, "orientation": 25.0}, {}
+    )
+    assert lambertian_flux(of, *geometry) == pytest.approx(lambertian_flux(known, *geometry), rel=3e-4)
+
+
+def test_a_picture_lies_the_right_way_round() -> None:
+    """A slope of the irradiance shows where the target lies: u grows with the illumination's zenith, v with azimuth."""
+    u = np.arange(-20, 20.5, 0.5)
+    image = picture(u, u, 1 + u[None] / 50 + u[:, None] / 100)
+    of = pictured(image, PARALLEL)
+    for azimuth, expected in ((0.0, 1 + 0.7 / 50), (90.0, 1 + 0.7 / 100), (180.0, 1 - 0.7 / 50)):
+        setup = Setup(sensor_runout_mm=0.7)
+        assert flux(of, 0.0, 0.0, azimuth, setup) == pytest.approx(expected, rel=1e-5)
+    turned = pictured(image, PARALLEL, orientation=90.0)
+    assert flux(turned, 0.0, 0.0, 90.0, Setup(sensor_runout_mm=0.7)) == pytest.approx(1 + 0.7 / 50, rel=1e-5)
+
+
+def test_a_hard_stop_sees_its_own_disc() -> None:
+    wide = UNIFORM | {"diameter": "unbounded"}
+    of = instrument(wide, PARALLEL | {"field_stop_diameter": 6.0})
+    assert flux(of, 0.0, 0.0, 0.0, Setup()) == pytest.approx((3.0 / 5.4) ** 2, rel=1e-6)
+    assert flux(of, 0.0, 60.0, 0.0, Setup(stop_radius_mm=0.5)) == pytest.approx((3.5 / 5.4) ** 2, rel=1e-6)
+
+
+def test_a_soft_stop_is_a_frustum() -> None:
+    of = instrument(
+        UNIFORM | {"diameter": "unbounded"}, PARALLEL | {"field_stop_diameter": 6.0, "field_stop_edge": 2.0}
+    )
+    expected = (2.0**2 + 2.0 * 4.0 + 4.0**2) / 3 / 5.4**2
+    assert flux(of, 0.0, 30.0, 0.0, Setup()) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_stop_off_the_target_has_the_penumbra_of_the_mirror() -> None:
+    stop = {"field_stop_diameter": 8.0, "field_stop_distance": 80.0, "mirror_distance": 200.0, "mirror_diameter": 10.0}
+    of = instrument(UNIFORM | {"diameter": "unbounded"}, stop)
+    share = 0.4
+    expected, _ = quad(
+        lambda m: 2 * m / 25.0 * lens(4.0 / (1 - share), 5.4, share * m / (1 - share)) / (np.pi * 5.4**2),
+        0,
+        5.0,
+        points=[1.9],
+    )
+    assert flux(of, 0.0, 0.0, 0.0, Setup()) == pytest.approx(expected, rel=5e-4)
+
+
+def test_a_stop_and_a_beam_that_cross() -> None:
+    of = instrument(UNIFORM | {"diameter": 7.0}, PARALLEL | {"field_stop_diameter": 8.0, "target_diameter": 20.0})
+    expected = lens(3.5, 4.0, 1.5) / (np.pi * 100.0)
+    assert flux(of, 0.0, 0.0, 0.0, Setup(beam_x_mm=1.5)) == pytest.approx(expected, rel=1e-6)
