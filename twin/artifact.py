@@ -6,7 +6,7 @@ top at z = 0, holes open towards +z, array centred on the origin; lengths in mm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from instrument.artifact import ArtifactDimensions, ArtifactForm, Holes
 from instrument.errors import InputError
 from twin import cells
 from twin.cells import IntArray
+from twin.plate import Plate, make_plate
 
 #: Sides of the polygon that stands for a circular hole.
 HOLE_SIDES = 64
@@ -49,12 +50,15 @@ class SurfaceMesh:
         :class:`Surface` of every face.
     opening
         Width of the widest opening in mm; infinite where it is not known.
+    plate
+        The top as a pierced plate; None where it is not known to be one.
     """
 
     vertices: FloatArray
     faces: IntArray
     labels: NDArray[np.uint8]
     opening: float = np.inf
+    plate: Plate | None = None
 
     def corners(self) -> FloatArray:
         """Corner points, shape (face, 3, 3)."""
@@ -110,7 +114,8 @@ def flat_sample(form: ArtifactForm) -> SurfaceMesh:
     outline = cells.rectangle(form.outline[0] / 2, form.outline[1] / 2)
     builder.plane(outline, cells.fan(outline), 0.0, Surface.PLATE_TOP)
     builder.outer_box(form.outline, -form.block_thickness, 0.0)
-    return builder.mesh()
+    half = (form.outline[0] / 2, form.outline[1] / 2)
+    return replace(builder.mesh(), plate=make_plate(half, np.zeros((0, 2)), np.zeros(0), 0.0, closed=True))
 
 
 def square_pit(outline: float, opening: float, depth: float) -> SurfaceMesh:
@@ -263,7 +268,10 @@ def _pierced_plate(form: ArtifactForm, holes: Holes, sides: int) -> SurfaceMesh:
         builder.outer_box(form.outline, floor - form.block_thickness, floor)
     points, faces = _grid(inner, spacing)
     builder.plane(points, faces, floor, Surface.FLOOR)
-    return builder.mesh(float(holes.diameter.max()))
+    # The discs around the polygons; what little plate they hold is traced like the rest.
+    radius = holes.diameter / 2 * cells.around_circle(sides)
+    plate = make_plate(half, centres, radius, form.cavity_depth, closed=form.spacer_edge > 0)
+    return replace(builder.mesh(float(holes.diameter.max())), plate=plate)
 
 
 def _add_hole(builder: _Builder, cell: FloatArray, rim: FloatArray, inner: tuple[float, float], under: float) -> None:

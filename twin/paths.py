@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from twin.artifact import SurfaceMesh
+from twin.artifact import Surface, SurfaceMesh
 from twin.kernel_math import larger, smaller
+from twin.plate_sight import PlateLane
 from twin.reflection import TableLookup
 from twin.sequence import Points
 from twin.sight import Lane
 
-#: Of so many sight lines one is followed beyond the first reflection.
-SCATTERED_SHARE = 4
 _OFFSET_MM = 1e-4
 _BOUNCE_DIMENSION, _PER_BOUNCE = 4, 3
 #: Paths are thinned from this number of reflections on.
 _ROULETTE_DEPTH = 5
+_PLATE_SALT = 101
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,15 @@ class Meeting:
     towards: Any
     table: Any
     exposed: Any
+    face: Any
 
 
 @dataclass(frozen=True)
 class Share:
     """Which points of a block of the sequence a lane works through: numbers ``start + k * stride``, k below ``count``.
 
-    Numbers run over the block in the order of :func:`~twin.sequence.coherent_order`; ``first`` is its first index.
+    Numbers run over the block in the order of :func:`~twin.sequence.coherent_order`, in stretches of ``span`` (a power
+    of two); ``first`` is its first index.
     """
 
     start: Any
@@ -50,22 +52,24 @@ class Share:
     count: Any
     first: Any
     order: Any
+    span: Any
 
     def index(self, mi: Any, dr: Any, turn: Any, active: Any) -> Any:
         """Index in the sequence of a lane's sight line number ``turn``."""
-        number = self.start + turn * self.stride
+        whole = self.start + turn * self.stride
+        number = whole & (self.span - 1)
         index = dr.gather(mi.UInt32, self.order, number & 255, active)
         index ^= dr.gather(mi.UInt32, self.order, 256 + ((number >> 8) & 255), active)
         index ^= dr.gather(mi.UInt32, self.order, 512 + ((number >> 16) & 255), active)
-        return self.first + index
+        return self.first + (whole - number) + index
 
 
 class Paths:
     """Follows sight lines through a sample."""
 
     def __init__(self, mi: Any, dr: Any, mesh: SurfaceMesh, lookup: TableLookup, points: Points) -> None:
-        self._mi, self._dr, self._lookup, self._points = mi, dr, lookup, points
-        self._scene = _scene(mi, mesh)
+        self._mi, self._dr, self.lookup, self._points = mi, dr, lookup, points
+        self.scene = _scene(mi, mesh)
         self._faces = _face_records(mi, mesh)
 
     def reflected_once(self, sensor: Lane, seeds: Any, share: Share) -> Any:
@@ -75,12 +79,33 @@ class Paths:
         def step(begun: Any, total: Any) -> tuple[Any, Any]:
             index = share.index(mi, dr, begun, begun < share.count)
             origin, heading, weight = sensor.sight_line(index, seeds, begun < share.count)
-            met = self._meet(sensor, origin, heading, weight > 0)
-            return begun + 1, total + mi.Float64(weight * self._lit(sensor, met, index, 0, seeds))
+            met = self.meet(sensor, origin, heading, weight > 0)
+            return begun + 1, total + mi.Float64(weight * self.lit(sensor, met, index, 0, seeds))
 
         lanes = dr.width(share.start)
         state = (dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float64, lanes))
         return dr.while_loop(state, lambda begun, _: begun < share.count, step, label="reflected once")[-1]
+
+    def plate_top(self, sensor: PlateLane, seeds: Any, share: Share) -> Any:
+        """Sum over a lane's points of the light from the top of a plate, which needs no ray: whole less openings."""
+        mi, dr = self._mi, self._dr
+        lanes = dr.width(share.start)
+        normal = mi.Normal3f(0.0, 0.0, 1.0)
+        surface = self.lookup.at(sensor.table, dr.opaque(mi.UInt32, int(Surface.PLATE_TOP)), True)
+
+        def step(begun: Any, total: Any) -> tuple[Any, Any]:
+            active = begun < share.count
+            index = share.index(mi, dr, begun, active)
+            for sign, choose in ((1.0, sensor.plate_point), (-1.0, sensor.opening_point)):
+                place, towards, weight = choose(index, seeds, active)
+                light, irradiance = sensor.illuminate(place, index, _PLATE_SALT, seeds)
+                seen = active & (weight > 0) & (irradiance > 0)
+                brdf = self.lookup.between(surface, normal, towards, light, seen)
+                total += mi.Float64(dr.select(seen, sign * weight * irradiance * light.z * brdf, 0.0))
+            return begun + 1, total
+
+        state = (dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float64, lanes))
+        return dr.while_loop(state, lambda begun, _: begun < share.count, step, label="plate top")[-1]
 
     def scattered(self, sensor: Lane, seeds: Any, share: Share) -> Any:
         """Sum over a lane's sight lines of the light that is reflected at least twice.
@@ -122,15 +147,15 @@ class Paths:
             origin, heading = dr.select(fresh, new_origin, origin), dr.select(fresh, new_heading, heading)
             weight, flow = dr.select(fresh, new_weight, weight), dr.select(fresh, 1.0, flow)
 
-            met = self._meet(sensor, origin, heading, (alive | fresh) & (weight > 0))
+            met = self.meet(sensor, origin, heading, (alive | fresh) & (weight > 0))
             again = met.found & (depth > 0)
-            lit = self._lit(sensor, met, index, depth, seeds, again)
+            lit = self.lit(sensor, met, index, depth, seeds, again)
             total += mi.Float64(weight * flow * lit)
 
             alive = met.found & ~met.exposed  # from above the top of the sample comes the beam alone
             dimension = _BOUNCE_DIMENSION + depth * _PER_BOUNCE
             u, v, w = (self._points.coordinate(index, dimension + k, seeds, alive) for k in range(3))
-            incoming, factor, _ = self._lookup.sample(met.table, met.normal, met.towards, u, v, alive)
+            incoming, factor, _ = self.lookup.sample(met.table, met.normal, met.towards, u, v, alive)
             flow *= factor
             depth += 1
             survival = dr.select(depth > _ROULETTE_DEPTH, smaller(dr, flow, 0.995), 1.0)
@@ -140,26 +165,38 @@ class Paths:
 
         return dr.while_loop(state, going, step, label="scattered")[-1]
 
-    def _meet(self, sensor: Lane, origin: Any, heading: Any, active: Any) -> Meeting:
-        """Follow rays to the sample; a face seen from inside the solid does not count."""
+    def meet(self, sensor: Lane, origin: Any, heading: Any, active: Any, reach: Any = None) -> Meeting:
+        """Follow rays to the sample, up to a reach; a face seen from inside the solid does not count."""
         mi, dr = self._mi, self._dr
-        hit = self._scene.ray_intersect_preliminary(mi.Ray3f(origin, heading), active=active)
+        ray = mi.Ray3f(origin, heading)
+        if reach is not None:
+            ray.maxt = reach
+        hit = self.scene.ray_intersect_preliminary(ray, active=active)
         found = active & hit.is_valid()
-        *direction, mark = (dr.gather(mi.Float, column, hit.prim_index, found) for column in self._faces)
-        normal = mi.Normal3f(*direction)
+        normal, mark = self.face(hit.prim_index, found)
         found &= dr.dot(normal, heading) < 0
         place = mi.Point3f(origin + heading * hit.t + normal * _OFFSET_MM)
-        table = self._lookup.at(sensor.table, mi.UInt32(dr.abs(mark)) - 1, found)
-        return Meeting(found, place, normal, -heading, table, mark < 0)
+        table = self.surface(sensor.table, mark, found)
+        return Meeting(found, place, normal, -heading, table, mark < 0, hit.prim_index)
 
-    def _lit(self, sensor: Lane, met: Meeting, index: Any, depth: Any, seeds: Any, active: Any = True) -> Any:
+    def face(self, index: Any, active: Any) -> tuple[Any, Any]:
+        """Normal and mark of a face."""
+        mi, dr = self._mi, self._dr
+        *direction, mark = (dr.gather(mi.Float, column, index, active) for column in self._faces)
+        return mi.Normal3f(*direction), mark
+
+    def surface(self, table: Any, mark: Any, active: Any) -> tuple[Any, Any]:
+        """How a face with a mark reflects."""
+        return self.lookup.at(table, self._mi.UInt32(self._dr.abs(mark)) - 1, active)
+
+    def lit(self, sensor: Lane, met: Meeting, index: Any, depth: Any, seeds: Any, active: Any = True) -> Any:
         """Radiance that the beam leaves at the meeting, towards where the ray came from."""
         mi, dr = self._mi, self._dr
         light, irradiance = sensor.illuminate(met.place, index, depth, seeds)
         irradiance *= dr.dot(met.normal, light)
         seen = met.found & (irradiance > 0) & active
-        seen &= met.exposed | ~self._scene.ray_test(mi.Ray3f(met.place, light), active=seen & ~met.exposed)
-        brdf = self._lookup.between(met.table, met.normal, met.towards, light, seen)
+        seen &= met.exposed | ~self.scene.ray_test(mi.Ray3f(met.place, light), active=seen & ~met.exposed)
+        brdf = self.lookup.between(met.table, met.normal, met.towards, light, seen)
         return dr.select(seen, brdf * irradiance, 0.0)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,14 +21,27 @@ from instrument.lambertian import lambertian_flux
 from twin.artifact import Surface, build_mesh
 from twin.material import Material, read_material
 from twin.optics import COORDINATES, Setup, geometry_columns, lay_out, reference_change
-from twin.tracer import RANDOMISATIONS, Mixture, Tracer, mean_and_error
+from twin.prepared import Prepared
+from twin.sampling_plan import (
+    Block,
+    Tally,
+    fixed,
+    pilot,
+    planned,
+    power_of_two,
+    repeated,
+    repetitions,
+    total_and_error,
+)
+from twin.sequence import mix_numpy
+from twin.tracer import RANDOMISATIONS, SHARE, Mixture, Part, Tracer
 
-#: Sight lines that typically give a relative error of 0.1 %, and at most, a geometry and randomisation.
-_TYPICAL, _LIMIT = 8192, 2**20
 #: Relative error of geometry and tables in single precision: what is left where nothing scatters.
 _SINGLE_PRECISION = 1e-6
 #: Below this cosine of the sensor zenith the reflectance factor of a flat target is not defined.
 _GRAZING = 1e-3
+#: Number of the pilot among the runs that a seed's repetitions are told apart by.
+_PILOT = 0x71107
 _UNITS = {"wavelength": "nm"} | dict.fromkeys(COORDINATES[1:], "degree")
 
 
@@ -136,25 +149,35 @@ class Twin:
         layout = lay_out(self.facility, columns, setup)
         table = self.material.table_index(columns["wavelength"])
         keys = _keys(columns)
-        count = len(scale)
-        sums, done = np.zeros((count, RANDOMISATIONS)), np.zeros(count, dtype=np.int64)
-
-        def trace(chosen: NDArray[np.int64], first: int, block: int) -> None:
-            value = self._tracer.radiance(
-                layout.take(chosen), table[chosen], block, seed=seed, keys=keys[chosen], first=first, mixture=mixture
-            )
-            sums[chosen] += value * block
-            done[chosen] += block
-
+        prepared = self._tracer.prepare(layout, table, keys=keys, mixture=mixture)
+        points = len(scale)
         if samples is not None:
-            trace(np.arange(count), 0, _power_of_two(samples / RANDOMISATIONS))
-        elif count:
-            trace(np.arange(count), 0, _first_pass(standard_error))
-            for first, block, chosen in _passes(sums, done, standard_error):
-                trace(chosen, first, block)
-        means = sums / np.maximum(done, 1)[:, None] * scale[:, None]
-        brf, spread = mean_and_error(means)
-        return Estimate(brf, np.hypot(spread, _SINGLE_PRECISION * brf), done * RANDOMISATIONS)
+            total = power_of_two(samples / RANDOMISATIONS)
+            numbers = {part: max(1, total // SHARE[part]) for part in Part}
+            main = self._trace(prepared, fixed(points, numbers), seed)
+            repeats = np.ones_like(main.done)
+        else:
+            assert standard_error is not None
+            seen = self._trace(prepared, pilot(points, standard_error), _other_seed(seed, _PILOT))
+            main = self._trace(prepared, planned(seen, standard_error), seed)
+            repeats = repetitions(main, standard_error)
+        means = main.means()
+        for k in range(1, int(repeats.max(initial=1))):
+            again = self._trace(prepared, repeated(main, repeats, k), _other_seed(seed, k))
+            means = np.where(repeats > k, means + (again.means() - means) / (k + 1), means)
+        radiance, spread = total_and_error(means, main.variances() / repeats)
+        brf = radiance * scale
+        traced = (main.done * repeats)[[Part.REFLECTED_ONCE, Part.SCATTERED]].sum(axis=0)
+        return Estimate(brf, np.hypot(spread * scale, _SINGLE_PRECISION * brf), traced * RANDOMISATIONS)
+
+    def _trace(self, prepared: Prepared, blocks: Iterable[Block], seed: int) -> Tally:
+        tally = Tally(len(prepared))
+        for block in blocks if len(prepared) else ():
+            means = self._tracer.part(
+                block.part, prepared, block.samples, seed=seed, first=block.first, chosen=block.chosen
+            )
+            tally.add(block, means)
+        return tally
 
     def _scale(self, columns: dict[str, FloatArray], setup: Setup | None) -> FloatArray:
         """What turns radiances into reflectance factors, shape (point,)."""
@@ -175,38 +198,10 @@ class Twin:
         return np.asarray(1 / (flux * change))
 
 
-def _passes(sums: FloatArray, done: NDArray[np.int64], target: float | None) -> Any:
-    """Further blocks of samples, until every error is below the target: (first, block, chosen points).
-
-    Blocks are powers of two and start at a multiple of their length, so that every one is a balanced part of
-    the sequence.
-    """
-    assert target is not None
-    while True:
-        mean, spread = mean_and_error(sums)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            excess = np.where(mean > 0, spread / mean / target, 0.0)
-        open_points = (excess > 1) & (done < _LIMIT)
-        if not np.any(open_points):
-            return
-        first = int(done[open_points].min())
-        chosen = np.flatnonzero(open_points & (done == first))
-        lowest = first & -first
-        # The error falls about with the power -2/3 of the samples: at least as many again, or half as many?
-        many = (excess[chosen] ** 1.5 > 1.5) | (lowest < first) | (first < 2)
-        for group, block in ((chosen[many], lowest), (chosen[~many], lowest // 2)):
-            if len(group):
-                yield first, block, group
-
-
-def _first_pass(standard_error: float | None) -> int:
-    """Sight lines to begin with: half of what a typical geometry needs, to waste nothing on the easy ones."""
-    assert standard_error is not None
-    return max(32, _power_of_two(_TYPICAL / 2 * (0.001 / standard_error) ** 1.4))
-
-
-def _power_of_two(number: float) -> int:
-    return min(_LIMIT, 1 << max(0, int(np.ceil(np.log2(max(number, 1.0))))))
+def _other_seed(seed: int, run: int) -> int:
+    """Seed of another independent run of the same prediction."""
+    words = np.array([seed & 0xFFFFFFFF, run], dtype=np.uint32)
+    return int(mix_numpy(mix_numpy(words[:1]) + np.uint32(0x9E3779B9) * words[1:])[0])
 
 
 def _keys(columns: dict[str, FloatArray]) -> NDArray[np.uint32]:

@@ -40,8 +40,6 @@ _WIDTHS = {
     "sweep": 2,
     "length": 1,
 }
-_STARTS = dict(zip(_WIDTHS, np.cumsum([0, *_WIDTHS.values()]).tolist(), strict=False))
-RECORD = sum(_WIDTHS.values())
 _LARGE = 1e9
 _DIVERGENCE_SALT = 0x632BE59B
 
@@ -62,14 +60,30 @@ def records(
     keys, shape (point,)
         Numbers that tell geometries apart.
     """
-    count = len(layout)
     values = {name: getattr(layout, name) for name in _WIDTHS if hasattr(layout, name)}
     values |= {name: getattr(footprint, name) for name in ("centre", "frame", "inverse", "sweep", "length")}
     values["radius"] = np.minimum(layout.radius, _LARGE)
     values["table"] = table_index
     values["key_high"], values["key_low"] = keys >> 16, keys & 0xFFFF  # exact in single precision
     values["share_top"], values["share_depth"] = shares[:, 0], shares[:, 1]
-    return np.concatenate([np.asarray(values[name], dtype=float).reshape(count, -1) for name in _WIDTHS], axis=1)
+    return pack(values, _WIDTHS)
+
+
+def pack(values: dict[str, Any], widths: dict[str, int]) -> FloatArray:
+    """Put the named columns side by side, shape (point, sum of the widths)."""
+    return np.concatenate(
+        [np.asarray(values[name], dtype=float).reshape(-1, width) for name, width in widths.items()], axis=1
+    )
+
+
+def columns(mi: Any, dr: Any, data: Any, row: Any, widths: dict[str, int]) -> dict[str, list[Any]]:
+    """Load a row of what :func:`pack` made."""
+    starts = np.cumsum([0, *widths.values()]).tolist()
+    base = row * starts[-1]
+    return {
+        name: [dr.gather(mi.Float, data, base + start + k) for k in range(width)]
+        for (name, width), start in zip(widths.items(), starts, strict=False)
+    }
 
 
 class Lane:
@@ -92,11 +106,7 @@ class Lane:
     ) -> None:
         self._mi, self._dr, self._points = mi, dr, points
         self._square, self._box, self._diverging = square, box, diverging
-        base = geometry * RECORD
-        self._value = {
-            name: [dr.gather(mi.Float, data, base + _STARTS[name] + k) for k in range(width)]
-            for name, width in _WIDTHS.items()
-        }
+        self._value = columns(mi, dr, data, geometry, _WIDTHS)
         self.table = mi.UInt32(self._value["table"][0])
         self.key = (mi.UInt32(self._value["key_high"][0]) << 16) | mi.UInt32(self._value["key_low"][0])
 
@@ -117,11 +127,7 @@ class Lane:
         mi, dr = self._mi, self._dr
         u, v, s, t = (self._points.coordinate(number, k, seed, active) for k in range(4))
         x, y, weight = self._target_point(u, v)
-        mirror = uniform_disc(mi, dr, s, t)
-        offset = self._vector("along") * x + self._vector("across") * y
-        lever = self._vector("mirror_along") * mirror.x + self._vector("mirror_across") * mirror.y - offset
-        towards = dr.normalize(self._vector("view") + lever * self._scalar("inverse_distance"))
-        target = mi.Point3f(self._vector("target") + offset)
+        target, towards = self._sensor_ray(x, y, uniform_disc(mi, dr, s, t))
         lower = (self._box[0] - target) / towards
         upper = (self._box[1] - target) / towards
         far = [larger(dr, a, b) for a, b in zip(lower, upper, strict=True)]
@@ -130,6 +136,14 @@ class Lane:
         leaves = larger(dr, larger(dr, near[0], near[1]), near[2])
         weight = dr.select(leaves < enters, weight, 0.0)
         return target + towards * enters, -towards, weight
+
+    def _sensor_ray(self, x: Any, y: Any, mirror: Any) -> tuple[Any, Any]:
+        """Point of the target, and the direction from there to a point of the mirror."""
+        mi, dr = self._mi, self._dr
+        offset = self._vector("along") * x + self._vector("across") * y
+        lever = self._vector("mirror_along") * mirror.x + self._vector("mirror_across") * mirror.y - offset
+        towards = dr.normalize(self._vector("view") + lever * self._scalar("inverse_distance"))
+        return mi.Point3f(self._vector("target") + offset), towards
 
     def _target_point(self, u: Any, v: Any) -> tuple[Any, Any, Any]:
         """Choose a point of the target from the mixture; weight by the balance heuristic (Veach 1997, 9.2)."""

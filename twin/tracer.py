@@ -1,9 +1,12 @@
 """The ray tracer: radiance towards the sensor, for every geometry in one launch.
 
-Paths start at the sensor (sight lines), look for the beam from every point they meet (next-event estimation) and go
-on by sampling the reflection. A lane of the launch works through its share of the sample points one path after the
-other, so memory does not grow with their number. What depends on geometry, instrument, material or sample is data to
-the compiled kernel, never code: changing it costs no recompilation.
+A reading has three parts, estimated apart because their noise and their cost differ (:class:`Part`). Where the
+sample's top is a pierced plate, light from the top itself needs no ray; light reflected once is looked for by sight
+lines through the openings; scattered light is followed from the openings and joined to the ends of sight lines
+(:mod:`twin.light_pool`). Any other sample is traced by paths from the sensor over the whole target
+(:mod:`twin.paths`). A lane of a launch works through its share of the sample points one after the other, so memory does
+not grow with their number. What depends on geometry, instrument, material or sample is data to the compiled
+kernel, never code: changing it costs no recompilation.
 
 Accuracy: unbiased but for single-precision geometry (offsets of 0.1 micrometre) and hole polygons; sums in double
 precision.
@@ -11,52 +14,51 @@ precision.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.artifact import Surface, SurfaceMesh
+from twin.light_pool import LightPaths, Places, Pool
 from twin.llvm import import_mitsuba
 from twin.material import Material
-from twin.optics import Footprint, Layout, lit_footprint
-from twin.paths import SCATTERED_SHARE, Paths, Share
+from twin.optics import Layout
+from twin.paths import Paths, Share
+from twin.plate import Slots
+from twin.plate_sight import Openings, PlateLane
+from twin.prepared import UNRESTRICTED, Geometries, Mixture, Prepared, prepare
 from twin.reflection import TableLookup
 from twin.sequence import INDEX_BITS, Points, coherent_order, mix
-from twin.sight import Lane, records
+from twin.sight import Lane
 
+__all__ = ["RANDOMISATIONS", "SHARE", "UNRESTRICTED", "Mixture", "Part", "Tracer", "mean_and_error"]
+
+
+class Part(IntEnum):
+    """What a reading is made of: estimates apart, because their noise and their cost differ."""
+
+    PLATE_TOP = 0
+    REFLECTED_ONCE = 1
+    SCATTERED = 2
+
+
+#: Of so many sight lines of a reading a part uses one.
+SHARE = {Part.PLATE_TOP: 1, Part.REFLECTED_ONCE: 1, Part.SCATTERED: 2}
 #: Independent randomisations of the sequence: their scatter is the standard error.
-RANDOMISATIONS = 8
+RANDOMISATIONS = 16
+#: Sight lines that share light paths, and light paths of an illumination for each of them.
+LIGHT_BLOCK, LIGHT_RATIO = 512, 2
+#: Blocks of light in one launch at most (about), and those kept for geometries to come.
+_POOL_BLOCKS, _KEPT_LIGHTS = 64, 96
+_LIGHT_SALT, _PART_SALT = 0x51ED270B, 0x3C6EF372
 #: Lanes of a launch are at least this many where the samples suffice, to fill the machine.
 _LANES = 4096
 _PACKET = 16
 #: Geometries of one launch at most: bounds the memory.
 _POINTS = 8192
-
-
-@dataclass(frozen=True)
-class Mixture:
-    """How sight lines are chosen: shares of those through the lit plate top, and through the lit depth.
-
-    The rest goes over the whole target, because light scattered inside the cavity shows beyond the lit volume. A
-    region that covers most of the target gets a smaller share: there is nothing to restrict.
-    """
-
-    lit_top: float = 0.4
-    lit_depth: float = 0.35
-
-    def shares(self, footprint: Footprint) -> FloatArray:
-        """Shares of the two regions, shape (point, 2)."""
-        area = np.abs(np.linalg.det(footprint.frame))
-        top, deep = area, area * 2 * (2 + footprint.length) / np.pi
-        gain = np.stack([np.clip(1 - top, 0, 1), np.clip(1 - deep, 0, 1)], axis=1)
-        bounded = footprint.bounded[:, None]
-        return np.where(bounded, np.array([self.lit_top, self.lit_depth]) * np.sqrt(gain), 0.0)
-
-
-#: Every sight line of the target equally likely: slow, and the yardstick for the other.
-UNRESTRICTED = Mixture(0.0, 0.0)
 
 
 class Tracer:
@@ -88,6 +90,11 @@ class Tracer:
         inner = mesh.labels != Surface.OUTSIDE
         self._depth = float(max(0.0, -mesh.corners()[inner][..., 2].min()))
         self._opening = mesh.opening
+        self._plate = mesh.plate
+        self._light: LightPaths | None = None
+        if mesh.plate is not None and len(mesh.plate.radius):
+            self._followed: dict[tuple[bytes, int, int, int], Places] = {}
+            self._light = LightPaths(self._mi, dr, self._paths, self._points, mesh.plate, mesh.normals()[:, 2])
 
     def radiance(
         self,
@@ -117,7 +124,7 @@ class Tracer:
             Index of the first sample, a multiple of ``samples``: means over [0, n) and [n, 2 n) average to that over
             [0, 2 n).
         mixture
-            How sight lines are chosen.
+            Choose sight lines over the whole target in these shares, openings or not.
 
         Returns
         -------
@@ -125,16 +132,69 @@ class Tracer:
         """
         if samples < 1 or samples & (samples - 1) or first % samples or first + samples > 2**INDEX_BITS:
             raise ValueError(f"samples: found {samples} from {first}; expected a power of two, from a multiple of it")
+        prepared = self.prepare(layout, table_index, keys=keys, mixture=mixture)
+        return np.asarray(
+            sum(self.part(part, prepared, max(1, samples // SHARE[part]), seed=seed, first=first) for part in Part)
+        )
+
+    def prepare(
+        self,
+        layout: Layout,
+        table_index: NDArray[np.int64],
+        *,
+        keys: NDArray[np.uint32] | None = None,
+        mixture: Mixture | None = None,
+    ) -> Prepared:
+        """Make geometries ready for :meth:`part`; parameters as of :meth:`radiance`."""
         keys = np.arange(len(layout), dtype=np.uint32) if keys is None else keys
-        footprint = lit_footprint(layout, self._visible_depth(layout))
-        shares = (mixture or Mixture()).shares(footprint)
-        packed = records(layout, table_index, footprint, shares, keys)
-        diverging = bool(np.any(layout.divergence_rad > 0))
-        sums = [
-            self._launch(packed[start : start + _POINTS], samples, first, seed, layout.square, diverging)
-            for start in range(0, len(packed), _POINTS)
-        ]
-        return np.concatenate(sums or [np.zeros((0, RANDOMISATIONS))]) * np.pi
+        depth = self._visible_depth(layout)
+        return prepare(layout, table_index, keys, plate=self._plate, visible_depth=depth, mixture=mixture)
+
+    def part(
+        self,
+        part: Part,
+        prepared: Prepared,
+        samples: int,
+        *,
+        seed: int,
+        first: int = 0,
+        chosen: NDArray[np.int64] | None = None,
+    ) -> FloatArray:
+        """What one part contributes to :meth:`radiance`, for the chosen geometries; parameters as there.
+
+        The parts draw independent points.
+        """
+        seed = (seed ^ _PART_SALT * int(part)) & 0xFFFFFFFF
+        chosen = np.arange(len(prepared)) if chosen is None else chosen
+        sums = np.zeros((len(chosen), RANDOMISATIONS))
+        for start in range(0, len(chosen), _POINTS):
+            here = np.arange(start, min(start + _POINTS, len(chosen)))
+            through = prepared.through[chosen[here]]
+            whole, pierced = here[~through], here[through]
+            if len(whole) and part != Part.PLATE_TOP:
+                some = prepared.by_target.take(prepared.place[chosen[whole]])
+                sums[whole] = self._launch(part, some, samples, first, seed)
+            if len(pierced) and prepared.by_plate is not None and (part == Part.PLATE_TOP or self._light is not None):
+                some = prepared.by_plate.take(prepared.place[chosen[pierced]])
+                join = part == Part.SCATTERED and self._plate is not None and self._plate.closed
+                trace = self._joined if join else self._launch
+                sums[pierced] = trace(part, some, samples, first, seed)
+        return sums * np.pi
+
+    def _joined(self, part: Part, some: Geometries, samples: int, first: int, seed: int) -> FloatArray:
+        """Scattered light by joining sight lines to light; each block of sight lines has its own light."""
+        total = np.zeros((len(some), RANDOMISATIONS))
+        if some.light is None:
+            raise ValueError("geometries without illuminations cannot be joined to light")
+        blocks = range(first // LIGHT_BLOCK, -(-(first + samples) // LIGHT_BLOCK))
+        paths = LIGHT_RATIO * min(LIGHT_BLOCK, first + samples)
+        order = np.argsort(some.light.group, kind="stable")
+        together = max(1, _POOL_BLOCKS // len(blocks))
+        ends = np.flatnonzero(np.diff(some.light.group[order] // together)) + 1
+        for rows in np.split(order, ends):
+            few = some.take(rows)
+            total[rows] = self._launch(part, few, samples, first, seed, self._lights(few, blocks, paths, seed))
+        return total
 
     def _visible_depth(self, layout: Layout) -> FloatArray:
         """How deep sight lines through a hole can go, mm."""
@@ -143,39 +203,93 @@ class Tracer:
         return np.minimum(self._depth, reach)
 
     def _launch(
-        self, packed: FloatArray, samples: int, first: int, seed: int, square: bool, diverging: bool
+        self, part: Part, some: Geometries, samples: int, first: int, seed: int, light: Pool | None = None
     ) -> FloatArray:
         """Means over the samples, shape (point, RANDOMISATIONS)."""
         mi, dr = self._mi, self._dr
-        cells = len(packed) * RANDOMISATIONS
+        cells = len(some) * RANDOMISATIONS
         streams = _streams(cells, samples)
         stride = dr.opaque(mi.UInt32, streams)
         lane = dr.arange(mi.UInt32, cells * streams)
         cell = lane // stride
         start, origin = lane - cell * stride, dr.opaque(mi.UInt32, first)
         geometry = cell // RANDOMISATIONS
-        sensor = Lane(
-            mi,
-            dr,
-            mi.Float(packed.ravel()),
-            geometry,
-            self._points,
-            square=dr.opaque(mi.Bool, square),
-            box=self._box,
-            diverging=diverging,
-        )
-        randomisation = mix(cell - geometry * RANDOMISATIONS + mix(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)))
-        seeds = mix(sensor.key ^ randomisation)
-        total = dr.zeros(mi.Float64, cells * streams)
-        per_lane = samples // streams
-        for follow, count in (
-            (self._paths.reflected_once, per_lane),
-            (self._paths.scattered, max(1, per_lane // SCATTERED_SHARE)),
-        ):
-            order = coherent_order((count * streams).bit_length() - 1)
-            share = Share(start, stride, dr.opaque(mi.UInt32, count), origin, mi.UInt32(order.ravel()))
-            total += follow(sensor, seeds, share) * dr.opaque(mi.Float64, 1 / (count * streams))
-        return np.array(total).reshape(-1, RANDOMISATIONS, streams).sum(axis=2)
+        slots = some.scattered if part == Part.SCATTERED else some.once
+        sensor = self._sensor(some.records, some.extra, slots, some, geometry)
+        randomisation = cell - geometry * RANDOMISATIONS
+        seeds = _seeds(mi, dr, sensor.key, randomisation, seed)
+        span = samples if light is None else min(samples, LIGHT_BLOCK)
+        order = mi.UInt32(coherent_order(span.bit_length() - 1).ravel())
+        count = dr.opaque(mi.UInt32, samples // streams)
+        share = Share(start, stride, count, origin, order, dr.opaque(mi.UInt32, span))
+        if light is not None and self._light is not None and some.light is not None:
+            group = dr.gather(mi.UInt32, mi.UInt32(np.append(some.light.group, 0).astype(np.uint32)), geometry)
+            total: Any = self._light.joined(sensor, seeds, share, light, group, randomisation)
+        else:
+            follow: Any = {
+                Part.PLATE_TOP: self._paths.plate_top,
+                Part.REFLECTED_ONCE: self._paths.reflected_once,
+                Part.SCATTERED: self._paths.scattered,
+            }[part]
+            total = follow(sensor, seeds, share)
+        return np.array(total).reshape(-1, RANDOMISATIONS, streams).sum(axis=2) / samples
+
+    def _sensor(
+        self, packed: FloatArray, extra: FloatArray | None, slots: Slots | None, some: Geometries, geometry: Any
+    ) -> Any:
+        mi, dr = self._mi, self._dr
+        options: dict[str, Any] = {"square": dr.opaque(mi.Bool, some.square), "box": self._box}
+        options["diverging"] = some.diverging
+        data = mi.Float(packed.ravel())
+        if extra is None or slots is None or self._plate is None:
+            return Lane(mi, dr, data, geometry, self._points, **options)
+        openings = Openings(mi, dr, self._plate, slots)
+        return PlateLane(mi, dr, data, mi.Float(extra.ravel()), openings, geometry, self._points, **options)
+
+    def _lights(self, some: Geometries, blocks: range, paths: int, seed: int) -> Pool:
+        """Light of the geometries' illuminations for blocks of sight lines; what was followed lately is kept."""
+        assert some.light is not None
+        assert self._light is not None
+        keys = some.light.keys
+        for block in blocks:
+            missing = np.array(
+                [k for k, key in enumerate(keys) if (key, block, paths, seed) not in self._followed], int
+            )
+            if len(missing):
+                for k, places in zip(missing, self._follow(some, missing, block, paths, seed), strict=True):
+                    self._followed[keys[k], block, paths, seed] = places
+        names = [(key, block, paths, seed) for key in keys for block in blocks]
+        found = [self._followed.pop(name) for name in names]
+        self._followed |= dict(zip(names, found, strict=True))  # the latest last
+        while len(self._followed) > _KEPT_LIGHTS:
+            del self._followed[next(iter(self._followed))]
+        return self._light.pool(found, blocks, LIGHT_BLOCK, RANDOMISATIONS)
+
+    def _follow(self, some: Geometries, chosen: NDArray[np.int64], block: int, paths: int, seed: int) -> list[Places]:
+        """Follow the light of some illuminations."""
+        mi, dr = self._mi, self._dr
+        assert some.light is not None
+        assert self._light is not None
+        light = some.light
+        length = dr.opaque(mi.UInt32, paths)
+        lane = dr.arange(mi.UInt32, len(chosen) * RANDOMISATIONS * paths)
+        cell = lane // length
+        group = cell // RANDOMISATIONS
+        sensor = self._sensor(light.records[chosen], light.extra[chosen], light.slots.take(chosen), some, group)
+        # The same numbers for every illumination: differences between like ones converge faster.
+        key = dr.opaque(mi.UInt32, _LIGHT_SALT)
+        seeds = _seeds(mi, dr, key, cell - group * RANDOMISATIONS, seed)
+        index = lane - cell * length + dr.opaque(mi.UInt32, block * LIGHT_BLOCK * LIGHT_RATIO)
+        places, faces = self._light.follow(sensor, index, seeds)
+        size = RANDOMISATIONS * paths
+        return [
+            self._light.sort(places[k * size : (k + 1) * size], faces[k * size : (k + 1) * size], RANDOMISATIONS)
+            for k in range(len(chosen))
+        ]
+
+
+def _seeds(mi: Any, dr: Any, key: Any, randomisation: Any, seed: int) -> Any:
+    return mix(key ^ mix(randomisation + mix(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))))
 
 
 def mean_and_error(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -198,6 +312,6 @@ def mean_and_error(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _streams(cells: int, samples: int) -> int:
     """Lanes a cell, a power of two: enough for packets of neighbours and to fill the machine."""
     streams = 1
-    while (streams < _PACKET or cells * streams < _LANES) and streams * SCATTERED_SHARE < samples:
+    while (streams < _PACKET or cells * streams < _LANES) and streams < samples:
         streams *= 2
     return streams
