@@ -1,0 +1,253 @@
+"""Fits effects to a run, and weighs them: evidence by quadrature where the run says little, by Laplace where much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import linalg
+
+from instrument.angles import FloatArray
+from twin.diagnosis.amplitude import AmplitudePrior, Nodes, Signature, log_sum
+from twin.diagnosis.likelihood import Compressed, Normal
+
+#: Whitened size of a gap above which the posterior is narrower than the nodes lie apart, by number of parameters.
+_NARROW = {1: 8.0}
+_NARROW_MANY = 3.5
+_STEPS, _ENOUGH = 12, 1e-3
+#: Structures whose logarithmic evidence lies this much below the best add nothing.
+_NEGLIGIBLE = 9.0
+
+
+@dataclass(frozen=True)
+class Component:
+    """One effect in one run, with its prior covered by nodes."""
+
+    signature: Signature
+    prior: AmplitudePrior
+    nodes: Nodes
+    compressed: Compressed
+
+    @classmethod
+    def of(cls, signature: Signature, relative_u: FloatArray) -> Component:
+        """Prepare an effect."""
+        prior = AmplitudePrior(signature, relative_u)
+        nodes = prior.nodes()
+        return cls(signature, prior, nodes, Compressed.of(nodes.table))
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.signature.name
+
+    def row(self, value: FloatArray) -> FloatArray:
+        """Logarithmic ratio at one value, shape (point,)."""
+        return np.asarray(self.signature.log_ratio(value[None])[0])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Effects fitted together.
+
+    Attributes
+    ----------
+    names
+        Effects; empty for none.
+    log_evidence
+        Averaged over the structures.
+    by_structure
+        Logarithmic evidence under each structure, -inf where negligible, shape (structure,).
+    values, covariance
+        Joint posterior mean of the parameters, in the order of the effects, and covariance.
+    table, shape (point,)
+        Logarithmic ratio at the posterior mean.
+    best
+        Number of the structure that explains the run best.
+    """
+
+    names: tuple[str, ...]
+    log_evidence: float
+    by_structure: FloatArray
+    values: FloatArray
+    covariance: FloatArray
+    table: FloatArray
+    best: int
+    sizes: tuple[int, ...] = field(default=())
+
+
+def fit_none(residual: FloatArray, members: Sequence[Normal]) -> Fit:
+    """No effect: the budget explains the residuals."""
+    by = np.array([member.log_density(residual) for member in members])
+    return _fit((), (), by, members, np.zeros(0), np.zeros((0, 0)), np.zeros(len(residual)))
+
+
+def fit_single(component: Component, residual: FloatArray, members: Sequence[Normal]) -> Fit | None:
+    """One effect; None where its cap leaves nothing that could be seen."""
+    nodes = component.nodes
+    if not len(nodes.values):
+        return None
+    tables = np.stack([component.compressed.log_density(residual, member) for member in members])
+    weights = np.array([member.log_weight for member in members])
+    quadrature = np.asarray(log_sum(tables + nodes.log_mass, axis=1))
+    by, places, spreads = quadrature.copy(), [], []
+    narrow = _NARROW.get(nodes.values.shape[1], _NARROW_MANY)
+    best_node = np.max(tables, axis=1)
+    relevant = weights + best_node > np.max(weights + best_node) - _NEGLIGIBLE
+    for number in range(len(members)):
+        shares = np.exp(tables[number] + nodes.log_mass - quadrature[number])
+        mean = shares @ nodes.values
+        spread = (nodes.values - mean).T @ ((nodes.values - mean) * shares[:, None])
+        if relevant[number]:
+            start = nodes.values[np.argmax(tables[number])]
+            found = refine([component], start, residual, members[number])
+            if found is not None and found.size > narrow:
+                by[number], mean, spread = found.log_evidence, found.values, found.covariance
+        places.append(mean)
+        spreads.append(spread)
+    by = np.where(relevant, by, -np.inf)
+    mean, covariance = _mixture(by + weights, np.array(places), np.array(spreads))
+    mean = _inside(mean, [component])
+    return _fit((component.name,), (len(mean),), by, members, mean, covariance, component.row(mean))
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A local optimum under one structure."""
+
+    values: FloatArray
+    covariance: FloatArray
+    log_evidence: float
+    log_density: float
+    size: float
+
+
+def refine(
+    components: Sequence[Component], start: FloatArray, residual: FloatArray, member: Normal
+) -> Refined | None:
+    """Refit non-linearly from a start (Levenberg and Marquardt) and weigh with Laplace's approximation.
+
+    Parameters
+    ----------
+    start
+        Parameters of all components, one after the other.
+
+    Returns
+    -------
+    Refined or None
+        None where the optimum has no prior mass.
+    """
+    value = _inside(start, components)
+    white = member.white(residual)
+    table, slope = _linearised(components, value)
+    cost, damping = _squared(white - member.white(table)), 1e-3
+    for _ in range(_STEPS):
+        jacobian = member.white(slope)
+        normal = jacobian @ jacobian.T
+        gradient = jacobian @ (white - member.white(table))
+        step = _solved(normal + damping * np.diag(np.diag(normal) + 1e-300), gradient)
+        trial = _inside(value + step, components)
+        trial_table, trial_slope = _linearised(components, trial)
+        trial_cost = _squared(white - member.white(trial_table))
+        if trial_cost < cost:
+            gain, cost, value, table, slope = cost - trial_cost, trial_cost, trial, trial_table, trial_slope
+            damping *= 0.2
+            if gain < _ENOUGH:
+                break
+        else:
+            damping *= 8.0
+            if damping > 1e6:
+                break
+    jacobian = member.white(slope)
+    normal = jacobian @ jacobian.T
+    covariance = np.asarray(linalg.pinvh(normal))
+    log_prior = sum(
+        c.prior.log_density(v, c.row(v)) for c, v in zip(components, _split(value, components), strict=True)
+    )
+    sign, log_det = np.linalg.slogdet(normal)
+    if not np.isfinite(log_prior) or sign <= 0:
+        return None
+    log_density = member.log_norm - 0.5 * cost
+    evidence = log_density + log_prior + 0.5 * len(value) * np.log(2 * np.pi) - 0.5 * log_det
+    return Refined(value, covariance, float(evidence), float(log_density), float(np.sqrt(_squared(member.white(table)))))
+
+
+def fit_pair(
+    first: Component, second: Component, start: FloatArray, residual: FloatArray, members: Sequence[Normal], chosen: Sequence[int]
+) -> Fit | None:
+    """Two effects together, under the chosen structures."""
+    pair = [first, second]
+    by = np.full(len(members), -np.inf)
+    places, spreads, numbers = [], [], []
+    for number in chosen:
+        found = refine(pair, start, residual, members[number])
+        if found is not None:
+            by[number] = found.log_evidence
+            places.append(found.values)
+            spreads.append(found.covariance)
+            numbers.append(number)
+    if not places:
+        return None
+    weights = np.array([members[n].log_weight for n in numbers])
+    mean, covariance = _mixture(by[numbers] + weights, np.array(places), np.array(spreads))
+    mean = _inside(mean, pair)
+    parts = _split(mean, pair)
+    table = first.row(parts[0]) + second.row(parts[1])
+    sizes = tuple(len(p) for p in parts)
+    return _fit((first.name, second.name), sizes, by, members, mean, covariance, table)
+
+
+def _fit(
+    names: tuple[str, ...],
+    sizes: tuple[int, ...],
+    by: FloatArray,
+    members: Sequence[Normal],
+    mean: FloatArray,
+    covariance: FloatArray,
+    table: FloatArray,
+) -> Fit:
+    weighted = by + np.array([member.log_weight for member in members])
+    return Fit(names, float(log_sum(weighted)), by, mean, covariance, table, int(np.argmax(weighted)), sizes)
+
+
+def _linearised(components: Sequence[Component], value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Logarithmic ratio at a value, shape (point,), and its slope, shape (parameter, point)."""
+    total, slopes = 0.0, []
+    for component, part in zip(components, _split(value, components), strict=True):
+        step = 0.02 * component.prior.scale
+        up = np.minimum(part + step, component.prior.high)
+        down = np.maximum(part - step, component.prior.low)
+        rows = np.repeat(part[None], 2 * len(part) + 1, axis=0)
+        for axis in range(len(part)):
+            rows[1 + 2 * axis, axis], rows[2 + 2 * axis, axis] = up[axis], down[axis]
+        tables = component.signature.log_ratio(rows)
+        total = total + tables[0]
+        slopes.append((tables[1::2] - tables[2::2]) / np.maximum(up - down, 1e-300)[:, None])
+    return np.asarray(total), np.concatenate(slopes)
+
+
+def _split(value: FloatArray, components: Sequence[Component]) -> list[FloatArray]:
+    ends = np.cumsum([len(c.prior.nominal) for c in components])[:-1]
+    return [np.asarray(part) for part in np.split(value, ends)]
+
+
+def _inside(value: FloatArray, components: Sequence[Component]) -> FloatArray:
+    low = np.concatenate([c.prior.low for c in components])
+    high = np.concatenate([c.prior.high for c in components])
+    return np.asarray(np.clip(value, low, high))
+
+
+def _squared(white: FloatArray) -> float:
+    return float(white @ white)
+
+
+def _solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    return np.asarray(linalg.lstsq(matrix, vector, check_finite=False)[0])
+
+
+def _mixture(log_weight: FloatArray, means: FloatArray, spreads: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of a mixture; -inf weights are left out."""
+    share = np.exp(log_weight - log_sum(log_weight))
+    mean = share @ means
+    apart = means - mean
+    return mean, np.asarray(np.einsum("h,hij->ij", share, spreads) + (apart * share[:, None]).T @ apart)
