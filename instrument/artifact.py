@@ -181,9 +181,10 @@ def read_holes(path: Path) -> Holes:
     if np.any(columns["diameter_mm"] <= 0):
         row = int(np.argmax(columns["diameter_mm"] <= 0))
         raise InputError(f"{path}: line {row + 2}: diameter_mm: found {columns['diameter_mm'][row]}; expected > 0")
-    chamfers = [columns[name] if name in found else None for name in CHAMFER_COLUMNS]
+    x, y, diameter, u_x, u_y, u_diameter = (columns[name] for name in HOLE_COLUMNS[1:])
+    chamfer, u_chamfer = (columns[name] if name in found else None for name in CHAMFER_COLUMNS)
     own = _names(path, [row["hole"] or "" for row in rows]) if "hole" in found else ()
-    return Holes(*(columns[name] for name in HOLE_COLUMNS[1:]), *chamfers, names=own)
+    return Holes(x, y, diameter, u_x, u_y, u_diameter, chamfer, u_chamfer, own)
 
 
 def _number(path: Path, line: int, row: dict[str, str], name: str) -> float:
@@ -211,7 +212,8 @@ def _names(path: Path, names: list[str]) -> tuple[str, ...]:
 
 
 def _no_holes() -> Holes:
-    return Holes(*(np.zeros(0) for _ in range(6)))
+    none = np.zeros(0)
+    return Holes(none, none, none, none, none, none)
 
 
 def _own_or(own: FloatArray | None, common: float, count: int) -> FloatArray:
