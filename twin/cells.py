@@ -157,20 +157,6 @@ def crossing(a: FloatArray, b: FloatArray, axis: int, bound: float) -> FloatArra
     return point
 
 
-def with_crossings(polygon: FloatArray, half_x: float, half_y: float) -> FloatArray:
-    """Insert the corners at which a polygon crosses the lines x = +-half_x and y = +-half_y."""
-    for axis, half in ((0, half_x), (1, half_y)):
-        for bound in (half, -half):
-            level = polygon[:, axis] - bound
-            result: list[FloatArray] = []
-            for here, there, a, b in zip(polygon, np.roll(polygon, -1, axis=0), level, np.roll(level, -1), strict=True):
-                result.append(here)
-                if a * b < 0:
-                    result.append(crossing(here, there, axis, bound))
-            polygon = np.array(result)
-    return polygon
-
-
 def fan(polygon: FloatArray) -> IntArray:
     """Triangulate a convex polygon that may have corners on straight edges: fan from its middle corner indices."""
     count = len(polygon)
