@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,7 @@ class BeamImage:
         ]
         return float(np.hypot(*far))
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Of the content: equal images have equal digests."""
         frame = repr((self.values.shape, self.pitch, self.first))

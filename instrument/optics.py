@@ -100,7 +100,6 @@ class Layout:
     beam: FloatArray
     radius: FloatArray
     iris: FloatArray
-    decay: FloatArray
     falloff: FloatArray
     inverse_source: FloatArray
     divergence_rad: FloatArray
@@ -110,6 +109,11 @@ class Layout:
 
     def __len__(self) -> int:
         return len(self.view)
+
+    @property
+    def decay(self) -> FloatArray:
+        """Of a round beam, shape (point,)."""
+        return self.falloff[:, 0]
 
     def take(self, chosen: NDArray[Any]) -> Layout:
         """The layout of some of the geometries."""
@@ -161,6 +165,8 @@ def lay_out(facility: Facility, columns: dict[str, FloatArray], setup: Setup | N
     parallel = flat or sensor.mirror_diameter == 0
     mirror_radius = per_point(0.0 if parallel else sensor.mirror_diameter / 2 + setup.mirror_radius_mm)[:, None]
     iris = np.asarray(beam.iris) + per_point(setup.beam_radius_mm)[:, None]
+    if beam.picture is not None:
+        iris = np.minimum(iris, beam.picture.reach)  # beyond it there is no light
     # The edge of a stop without one is a micrometre wide: a step has no place in single precision.
     stop_radius = math.inf if sensor.field_stop_diameter is None else sensor.field_stop_diameter / 2
     stop = vector(
@@ -185,7 +191,6 @@ def lay_out(facility: Facility, columns: dict[str, FloatArray], setup: Setup | N
         beam=turned(vector(setup.beam_x_mm, setup.beam_y_mm, 0.0) - shift),
         radius=iris.max(axis=1),
         iris=iris,
-        decay=per_point(beam.decay[0]),
         falloff=np.tile(beam.decay, (count, 1)),
         inverse_source=per_point(1 / np.asarray(setup.source_distance_mm)),
         divergence_rad=np.deg2rad(per_point(beam.divergence + setup.divergence_deg)),

@@ -17,8 +17,8 @@ _LIGHT_COLUMNS = (
     "light_u",
     "light_v",
     "beam",
-    "radius",
-    "decay",
+    "iris",
+    "falloff",
     "inverse_source",
     "divergence_rad",
     "target",
@@ -65,7 +65,8 @@ def illuminations(
     parts += [np.linalg.norm(layout.along, axis=1)[:, None], table_index[:, None].astype(float)]
     rows = np.round(np.concatenate(parts, axis=1), 9) + 0.0
     distinct, first, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    keys = [row.tobytes() for row in distinct]
+    picture = b"" if layout.picture is None else layout.picture.digest.encode()
+    keys = [row.tobytes() + picture for row in distinct]
     some, lit = layout.take(first), spot.take(first)
     slots = light_through(plate, some, lit)
     return Illuminations(group.reshape(-1), keys, records[first], plate_records(some, lit), slots)

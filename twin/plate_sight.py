@@ -71,11 +71,13 @@ class PlateLane(Lane):
     ----------
     extra
         From :func:`plate_records`, flat.
+    options
+        As of :class:`~twin.sight.Lane`.
     """
 
     def __init__(self, mi: Any, dr: Any, data: Any, extra: Any, openings: Openings, geometry: Any, points: Points,
-                 *, square: Any, box: Any, diverging: bool) -> None:  # fmt: skip
-        super().__init__(mi, dr, data, geometry, points, square=square, box=box, diverging=diverging)
+                 **options: Any) -> None:  # fmt: skip
+        super().__init__(mi, dr, data, geometry, points, **options)
         self._value |= columns(mi, dr, extra, geometry, _WIDTHS)
         self._openings, self._row = openings, geometry * openings.slots
 
@@ -112,9 +114,10 @@ class PlateLane(Lane):
         a = dr.select(self._square, 2.0 * u - 1.0, disc.x)
         b = dr.select(self._square, 2.0 * v - 1.0, disc.y)
         target, seen_towards = self._sensor_ray(a, b, mirror)
+        seen_weight = self._stopped(a, b, mirror)
         seen_place = target - seen_towards * (target.z / seen_towards.z)
         place = dr.select(by_light, lit_place, seen_place)
-        weight = dr.select(by_light, lit_weight * self._scalar("spot_area"), 1.0)
+        weight = dr.select(by_light, lit_weight * self._scalar("spot_area"), seen_weight)
         half = self._openings.half
         on_plate = (dr.abs(place.x) <= half[0]) & (dr.abs(place.y) <= half[1])
         return place, dr.select(by_light, lit_towards, seen_towards), dr.select(on_plate, weight, 0.0)
@@ -173,4 +176,5 @@ class PlateLane(Lane):
         inside = dr.select(self._square, (dr.abs(u) <= 1.0) & (dr.abs(v) <= 1.0), u * u + v * v <= 1.0)
         nearer = 1.0 - step * inverse
         density = nearer * nearer * towards.z / dr.abs(slant) * self._scalar("per_area")
+        density *= self._stopped(u, v, mirror)
         return place, dr.normalize(towards), dr.select(inside & (towards.z > 0.0), density, 0.0)

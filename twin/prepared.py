@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
+from instrument.beam_image import BeamImage
 from twin.illuminations import Illuminations, illuminations
 from twin.optics import Footprint, Layout, lit_footprint
 from twin.plate import Plate, Slots, served, share_out, spot_on_top
@@ -51,6 +52,8 @@ class Geometries:
     extra, once, scattered, light
         Where sight lines go through the openings of a plate: the rest of the record, shares of the openings for
         light reflected once and for scattered light, and the illuminations. None elsewhere.
+    picture
+        Irradiance of the beam, where it is a picture.
     """
 
     records: FloatArray
@@ -60,6 +63,7 @@ class Geometries:
     once: Slots | None = None
     scattered: Slots | None = None
     light: Illuminations | None = None
+    picture: BeamImage | None = None
 
     def take(self, chosen: IntArray) -> Geometries:
         """Some of the geometries."""
@@ -137,6 +141,8 @@ def prepare(
             share_out(plate, some, lit, scattered=False),
             share_out(plate, some, lit, scattered=True),
             illuminations(plate, some, lit, table_index[through], packed[through]),
+            layout.picture,
         )
     place = np.where(through, np.cumsum(through), np.cumsum(~through)) - 1
-    return Prepared(through, place, Geometries(packed[~through], layout.square, diverging), by_plate)
+    by_target = Geometries(packed[~through], layout.square, diverging, picture=layout.picture)
+    return Prepared(through, place, by_target, by_plate)

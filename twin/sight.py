@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
+from instrument.beam_image import BeamImage
 from twin.kernel_math import larger, smaller, standard_normal, uniform_disc
 from twin.optics import Footprint, Layout
 from twin.sequence import Points, mix
@@ -25,10 +26,11 @@ _WIDTHS = {
     "light_u": 3,
     "light_v": 3,
     "beam": 3,
-    "radius": 1,
-    "decay": 1,
+    "iris": 2,
+    "falloff": 2,
     "inverse_source": 1,
     "divergence_rad": 1,
+    "stop": 4,
     "table": 1,
     "key_high": 1,
     "key_low": 1,
@@ -62,11 +64,20 @@ def records(
     """
     values = {name: getattr(layout, name) for name in _WIDTHS if hasattr(layout, name)}
     values |= {name: getattr(footprint, name) for name in ("centre", "frame", "inverse", "sweep", "length")}
-    values["radius"] = np.minimum(layout.radius, _LARGE)
+    values["iris"] = 1 / layout.iris**2
+    values["stop"] = _stop(layout)
     values["table"] = table_index
     values["key_high"], values["key_low"] = keys >> 16, keys & 0xFFFF  # exact in single precision
     values["share_top"], values["share_depth"] = shares[:, 0], shares[:, 1]
     return pack(values, _WIDTHS)
+
+
+def _stop(layout: Layout) -> FloatArray:
+    """Where on the field stop a ray lies for points of target and mirror, its outer rim, and how fast that falls."""
+    radius, edge, share = layout.stop.T
+    target, mirror = (np.linalg.norm(side, axis=1) for side in (layout.along, layout.mirror_along))
+    outer = np.minimum(radius + edge / 2, _LARGE)
+    return np.stack([(1 - share) * target, share * mirror, outer, 1 / edge], axis=1)
 
 
 def pack(values: dict[str, Any], widths: dict[str, int]) -> FloatArray:
@@ -86,6 +97,35 @@ def columns(mi: Any, dr: Any, data: Any, row: Any, widths: dict[str, int]) -> di
     }
 
 
+class Picture:
+    """The picture of a beam for the kernel, where :meth:`~instrument.beam_image.BeamImage.at` says what it means."""
+
+    def __init__(self, mi: Any, dr: Any, image: BeamImage) -> None:
+        self._mi, self._dr = mi, dr
+        rows, columns = image.values.shape
+        self._values = mi.Float(image.values.astype(np.float32).ravel())
+        self._columns, self._last = dr.opaque(mi.UInt32, columns), dr.opaque(mi.Float, columns - 1)
+        self._last_row = dr.opaque(mi.Float, rows - 1)
+        self._first = [dr.opaque(mi.Float, value) for value in image.first]
+        self._density = [dr.opaque(mi.Float, 1 / value) for value in image.pitch]
+
+    def at(self, u: Any, v: Any, active: Any) -> Any:
+        """Irradiance at places, mm from the beam's axis."""
+        mi, dr = self._mi, self._dr
+        x, y = (u - self._first[0]) * self._density[0], (v - self._first[1]) * self._density[1]
+        inside = active & (x >= 0.0) & (y >= 0.0) & (x <= self._last) & (y <= self._last_row)
+        column = mi.UInt32(dr.select(inside, smaller(dr, x, self._last - 1.0), 0.0))
+        row = mi.UInt32(dr.select(inside, smaller(dr, y, self._last_row - 1.0), 0.0))
+        a, b = x - mi.Float(column), y - mi.Float(row)
+        corner = row * self._columns + column
+        (low, low_next), (high, high_next) = (
+            [dr.gather(mi.Float, self._values, start + k, inside) for k in range(2)]
+            for start in (corner, corner + self._columns)
+        )
+        low, high = low + (low_next - low) * a, high + (high_next - high) * a
+        return dr.select(inside, low + (high - low) * b, 0.0)
+
+
 class Lane:
     """One lane's geometry, loaded from its record.
 
@@ -99,13 +139,25 @@ class Lane:
         Shape of the target; corners of a box around the sample.
     diverging
         Whether any beam diverges; without, no random numbers are spent on it.
+    picture
+        Irradiance of the beam, where it is a picture.
     """
 
     def __init__(
-        self, mi: Any, dr: Any, data: Any, geometry: Any, points: Points, *, square: Any, box: Any, diverging: bool
+        self,
+        mi: Any,
+        dr: Any,
+        data: Any,
+        geometry: Any,
+        points: Points,
+        *,
+        square: Any,
+        box: Any,
+        diverging: bool,
+        picture: Picture | None = None,
     ) -> None:
         self._mi, self._dr, self._points = mi, dr, points
-        self._square, self._box, self._diverging = square, box, diverging
+        self._square, self._box, self._diverging, self._picture = square, box, diverging, picture
         self._value = columns(mi, dr, data, geometry, _WIDTHS)
         self.table = mi.UInt32(self._value["table"][0])
         self.key = (mi.UInt32(self._value["key_high"][0]) << 16) | mi.UInt32(self._value["key_low"][0])
@@ -127,7 +179,9 @@ class Lane:
         mi, dr = self._mi, self._dr
         u, v, s, t = (self._points.coordinate(number, k, seed, active) for k in range(4))
         x, y, weight = self._target_point(u, v)
-        target, towards = self._sensor_ray(x, y, uniform_disc(mi, dr, s, t))
+        mirror = uniform_disc(mi, dr, s, t)
+        target, towards = self._sensor_ray(x, y, mirror)
+        weight *= self._stopped(x, y, mirror)
         lower = (self._box[0] - target) / towards
         upper = (self._box[1] - target) / towards
         far = [larger(dr, a, b) for a, b in zip(lower, upper, strict=True)]
@@ -144,6 +198,14 @@ class Lane:
         lever = self._vector("mirror_along") * mirror.x + self._vector("mirror_across") * mirror.y - offset
         towards = dr.normalize(self._vector("view") + lever * self._scalar("inverse_distance"))
         return mi.Point3f(self._vector("target") + offset), towards
+
+    def _stopped(self, x: Any, y: Any, mirror: Any) -> Any:
+        """What the field stop lets through of the ray from a point of the target to one of the mirror."""
+        dr = self._dr
+        of_target, of_mirror, outer, fall = self._value["stop"]
+        across, aside = of_target * x + of_mirror * mirror.x, of_target * y + of_mirror * mirror.y
+        inside = (outer - dr.sqrt(across * across + aside * aside)) * fall
+        return smaller(dr, larger(dr, inside, 0.0), 1.0)
 
     def _target_point(self, u: Any, v: Any) -> tuple[Any, Any, Any]:
         """Choose a point of the target from the mixture; weight by the balance heuristic (Veach 1997, 9.2)."""
@@ -199,7 +261,11 @@ class Lane:
                 towards + self._vector("light_u") * deviation.x + self._vector("light_v") * deviation.y
             )
         across = offset - towards * (dr.dot(offset, axis) / dr.dot(towards, axis))
-        radius = dr.squared_norm(across)
-        edge = self._scalar("radius")
-        profile = dr.select(radius <= edge * edge, dr.exp(-self._scalar("decay") * radius), 0.0)
+        u, v = dr.dot(across, self._vector("light_u")), dr.dot(across, self._vector("light_v"))
+        u2, v2 = u * u, v * v
+        (iris_u, iris_v), (decay_u, decay_v) = self._value["iris"], self._value["falloff"]
+        within = u2 * iris_u + v2 * iris_v <= 1.0
+        profile = dr.select(within, dr.exp(-(decay_u * u2 + decay_v * v2)), 0.0)
+        if self._picture is not None:
+            profile *= self._picture.at(u, v, within)
         return towards, profile / squared

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
+from instrument.beam_image import BeamImage
 from twin.artifact import Surface, SurfaceMesh
 from twin.light_pool import LightPaths, Places, Pool
 from twin.llvm import import_mitsuba
@@ -32,7 +33,7 @@ from twin.plate_sight import Openings, PlateLane
 from twin.prepared import UNRESTRICTED, Geometries, Mixture, Prepared, prepare
 from twin.reflection import TableLookup
 from twin.sequence import INDEX_BITS, Points, coherent_order, mix
-from twin.sight import Lane
+from twin.sight import Lane, Picture
 
 __all__ = ["RANDOMISATIONS", "SHARE", "UNRESTRICTED", "Mixture", "Part", "Tracer", "mean_and_error"]
 
@@ -91,6 +92,7 @@ class Tracer:
         self._depth = float(max(0.0, -mesh.corners()[inner][..., 2].min()))
         self._opening = mesh.opening
         self._plate = mesh.plate
+        self._picture: tuple[BeamImage | None, Picture | None] = None, None
         self._light: LightPaths | None = None
         if mesh.plate is not None and len(mesh.plate.radius):
             self._followed: dict[tuple[bytes, int, int, int], Places] = {}
@@ -239,12 +241,18 @@ class Tracer:
     ) -> Any:
         mi, dr = self._mi, self._dr
         options: dict[str, Any] = {"square": dr.opaque(mi.Bool, some.square), "box": self._box}
-        options["diverging"] = some.diverging
+        options |= {"diverging": some.diverging, "picture": self._picture_of(some.picture)}
         data = mi.Float(packed.ravel())
         if extra is None or slots is None or self._plate is None:
             return Lane(mi, dr, data, geometry, self._points, **options)
         openings = Openings(mi, dr, self._plate, slots)
         return PlateLane(mi, dr, data, mi.Float(extra.ravel()), openings, geometry, self._points, **options)
+
+    def _picture_of(self, image: BeamImage | None) -> Picture | None:
+        """The picture of a beam on the device; the last one is kept."""
+        if image is not None and self._picture[0] is not image:
+            self._picture = image, Picture(self._mi, self._dr, image)
+        return None if image is None else self._picture[1]
 
     def _lights(self, some: Geometries, blocks: range, paths: int, seed: int) -> Pool:
         """Light of the geometries' illuminations for blocks of sight lines; what was followed lately is kept."""
