@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from instrument.angles import FloatArray, direction
+from instrument.errors import InputError
 from instrument.facility import Beam, Sensor
 
 #: How a bundle continues beyond its disc.
@@ -129,7 +130,14 @@ def beam_bundle(
         Added to the facility's divergence, degree; the sum is cut at zero.
     source_distance_mm
         Distance of a point source; None for a beam without one.
+
+    Raises
+    ------
+    InputError
+        For a beam that is neither round nor of a closed form.
     """
+    if beam.profile == "image" or beam.diameter_across is not None or beam.radius_1_e2_across is not None:
+        raise InputError("beam: the simulated laboratory has round gaussian and uniform beams only")
     unbounded = beam.diameter == "unbounded"
     divergence = max(0.0, beam.divergence + extra_divergence)
     far = FAR_DISC if source_distance_mm is not None else DIRECTIONS if divergence > 0 else PARALLEL
@@ -148,7 +156,15 @@ def beam_bundle(
 
 
 def sensor_bundle(sensor: Sensor, zenith: float, azimuth: float) -> Bundle:
-    """What a facility's sensor sees from a direction (degree): target disc and collecting mirror."""
+    """What a facility's sensor sees from a direction (degree): target disc and collecting mirror.
+
+    Raises
+    ------
+    InputError
+        If it has a field stop.
+    """
+    if sensor.field_stop_diameter is not None:
+        raise InputError("sensor.field_stop_diameter: the simulated laboratory has no field stop")
     radius = sensor.target_diameter / 2
     return Bundle(
         centre=np.zeros(3),
