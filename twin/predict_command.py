@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,30 +32,32 @@ def predict_command(
             help="With --uncertainty: correlation of coupon errors that state none: common, slice or independent."
         ),
     ] = "slice",
+    workers: Annotated[int, typer.Option(min=1, help="With --uncertainty: processes on this machine.")] = 1,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="With --uncertainty: evaluate on the Dask cluster whose scheduler is there (tcp://host:8786).",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Predict the reflectance factor of every point of a plan or of a run by ray tracing."""
-    from instrument.errors import EXIT_BAD_INPUT, InputError
-
-    try:
-        if not 1e-6 <= standard_error < 1:
-            raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
-        _check_writable(out)
-        if uncertainty:
-            _propagate(plan_or_run, artifact, material, facility, out, standard_error, seed, draws, unstated)
-        else:
-            _predict(plan_or_run, artifact, material, facility, out, standard_error, seed)
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
-
-
-def _check_writable(out: Path) -> None:
     from instrument.errors import InputError
+    from instrument.output import check_writable
 
-    if not out.parent.is_dir():
-        raise InputError(f"--out: {out}: there is no folder {out.parent}")
-    if out.is_dir():
-        raise InputError(f"--out: {out}: is a folder; expected the name of a netCDF file")
+    if not 1e-6 <= standard_error < 1:
+        raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
+    check_writable(out)
+    if uncertainty:
+        where = {"workers": workers, "address": dask}
+        _propagate(plan_or_run, artifact, material, facility, out, standard_error, seed, draws, unstated, where)
+        return
+    given = {"--draws": draws != 0, "--unstated": unstated != "slice", "--workers": workers != 1, "--dask": bool(dask)}
+    if any(given.values()):
+        names = ", ".join(name for name, is_given in given.items() if is_given)
+        raise InputError(f"{names}: only used with --uncertainty; expected that too")
+    _predict(plan_or_run, artifact, material, facility, out, standard_error, seed)
 
 
 def _predict(
@@ -92,14 +96,17 @@ def _propagate(
     seed: int,
     draws: int,
     unstated: Any,
+    where: dict[str, Any],
 ) -> None:
     import time
+    from contextlib import nullcontext
 
     from rich.console import Console
 
     from instrument.dataset import write_prediction
     from instrument.errors import InputError
     from twin.budget_table import budget_table
+    from twin.cluster import connected
     from twin.propagation_dataset import propagate
     from twin.state_vector import state_vector_from_files
 
@@ -112,18 +119,35 @@ def _propagate(
     for note in state.notes:
         typer.echo(f"note: {note}")
     started = time.perf_counter()
-    prediction = propagate(
-        state,
-        geometries,
-        standard_error=standard_error,
-        draws=draws,
-        seed=seed,
-        progress=lambda text: typer.echo(text, err=True),
-    )
+    # An address that is wrong should be known before the prediction is made.
+    with nullcontext() if where["address"] is None else connected(where["address"]):
+        pass
+    with _bar() as progress:
+        prediction = propagate(
+            state, geometries, standard_error=standard_error, draws=draws, seed=seed, progress=progress, **where
+        )
     prediction.attrs["inputs"] = _inputs(facility, artifact, material)
     write_prediction(prediction, out)
     Console().print(budget_table(prediction, state))
     _say(prediction, time.perf_counter() - started, out)
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[str, int, int], None]]:
+    """A bar on standard error that shows what is being done; nothing where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        tasks: dict[str, Any] = {}
+
+        def show(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(what, total=total)
+            bar.update(tasks[what], completed=done, total=total)
+
+        yield show
 
 
 def _inputs(facility: Path, artifact: Path, material: Path) -> str:

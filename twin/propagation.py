@@ -14,14 +14,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from instrument.angles import FloatArray
-from twin.propagation_designs import Design, designs
-from twin.propagation_render import PlanRenderer
+from twin.cluster import spread
+from twin.propagation_designs import ROWS, STEP, Design, designs
+from twin.propagation_render import Evaluation, PlanRenderer
 
 #: Sight lines of a point in the first round, and at most.
-_FIRST, _MOST = 1024, 2**17
+_FIRST, _MOST = 256, 2**17
 #: Each round gives the designs that limit the accuracy so many times more sight lines.
 _MORE = 4
-Progress = Callable[[str], None]
+#: Draws that are evaluated in one go.
+_CHUNK = 5
+#: Told what is being done, how much of it is done, and how much there is.
+Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -41,14 +45,18 @@ class Propagation:
         Relative standard error of ``u``.
     mean_shift, shape (point,)
         Expected value over the inputs less the value at the nominal inputs.
-    sensitivity
-        Change of the reflectance factor over that of a parameter, shape (point,), by parameter; of those that were
-        varied one by one.
+    brf, shape (point,)
+        At the nominal inputs, with the ray tracer's noise.
+    sensitivity, sensitivity_error
+        Change of the reflectance factor over that of a parameter, shape (point,), by parameter, of those that can be
+        told apart; and its standard error.
     units
         Of the parameters in ``sensitivity``.
     curvature
         Root mean square over the points of the quadratic effect of a parameter over its linear one, at one standard
-        uncertainty.
+        uncertainty; of those where the quadratic one could be told from the ray tracer's noise.
+    component_sources
+        Source of every component of ``factor``; empty where they mix all.
     evaluations
         How often the plan was rendered.
     """
@@ -58,9 +66,12 @@ class Propagation:
     noise: FloatArray
     u_error: FloatArray
     mean_shift: FloatArray
+    brf: FloatArray = field(default_factory=lambda: np.zeros(0))
     sensitivity: dict[str, FloatArray] = field(default_factory=dict)
+    sensitivity_error: dict[str, FloatArray] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     curvature: dict[str, float] = field(default_factory=dict)
+    component_sources: tuple[str, ...] = ()
     evaluations: int = 0
 
     @property
@@ -68,27 +79,55 @@ class Propagation:
         """Standard uncertainty (k = 1) from all inputs, shape (point,)."""
         return np.sqrt(np.maximum(sum(self.variance.values(), np.zeros(len(self.noise))), 0.0))
 
-    def correlation(self) -> FloatArray:
-        """Correlation of the errors between points, shape (point, point): symmetric, positive, ones on the diagonal."""
+    def covariance(self) -> FloatArray:
+        """Covariance of the errors between points, shape (point, point): symmetric, without negative eigenvalues."""
         covariance = self.factor @ self.factor.T
         covariance[np.diag_indices_from(covariance)] -= self.noise
         values, vectors = np.linalg.eigh(covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        length = np.linalg.norm(root, axis=1, keepdims=True)
-        root = np.where(length > 0, root / np.where(length > 0, length, 1.0), 0.0)
-        result: FloatArray = root @ root.T
+        return np.asarray(root @ root.T)
+
+    def correlation(self) -> FloatArray:
+        """Correlation of the errors between points, shape (point, point): symmetric, positive, ones on the diagonal."""
+        covariance = self.covariance()
+        length = np.sqrt(np.diag(covariance))
+        scale = np.where(length > 0, 1 / np.where(length > 0, length, 1.0), 0.0)
+        result: FloatArray = covariance * scale * scale[:, None]
         np.fill_diagonal(result, 1.0)
         return result
 
 
+@dataclass(frozen=True)
+class _Found:
+    """What one design has shown: linear effects, and the quadratic one (both may be empty)."""
+
+    effects: FloatArray
+    curved: FloatArray
+    noisy_curvature: bool
+
+    @property
+    def counted(self) -> FloatArray:
+        """Effects whose squares make the variance: a quadratic one only where it stands out of the noise."""
+        return self.effects if self.noisy_curvature else np.concatenate([self.effects, self.curved])
+
+
 def by_sensitivities(
-    renderer: PlanRenderer, *, tolerance: float = 0.05, seed: int = 1, progress: Progress | None = None
+    renderer: PlanRenderer,
+    *,
+    tolerance: float = 0.05,
+    seed: int = 1,
+    rows: int = ROWS,
+    step: float = STEP,
+    address: str | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
 ) -> Propagation:
     """Propagate with finite differences of the twin.
 
     Single parameters are varied by sqrt(3) standard uncertainties both ways, which gives linear and quadratic effect
-    (the three-point Gauss-Hermite rule: exact for a normal parameter up to the fourth moment); many of one source
-    together along the orthogonal directions of a weighing design.
+    (the three-point Gauss-Hermite rule: exact for a normal parameter up to the fourth moment); several of one source
+    together along the orthogonal directions of a weighing design. Where the quadratic effect, over all points, is less
+    than twice the ray tracer's noise in it, it counts as none.
 
     Parameters
     ----------
@@ -99,41 +138,48 @@ def by_sensitivities(
         parameters that limit it.
     seed
         Of the signs in the weighing designs.
+    rows, step
+        As of :func:`~twin.propagation_designs.designs`.
+    address, workers
+        As of :func:`twin.cluster.spread`.
     progress
-        Told in words what is being done.
+        Told what is being done.
 
     Notes
     -----
     GUM E.4.3: 200 draws know a standard uncertainty to 5 %.
     """
-    plans = designs(renderer.state, seed)
+    plans = designs(renderer.state, seed, rows=rows, step=step)
     samples = dict.fromkeys(range(len(plans)), _FIRST)
-    effects: dict[int, FloatArray] = {}
-    todo, evaluations = list(samples), 0
+    found: dict[int, _Found] = {}
+    todo, evaluations, turn = list(samples), 0, 0
+    nominal = np.zeros((renderer.points, 1))
     while todo:
-        if progress is not None:
-            progress(f"{sum(len(plans[n].values) for n in todo)} evaluations of the plan")
+        turn += 1
         for level in sorted({samples[n] for n in todo}):
             chosen = [n for n in todo if samples[n] == level]
             values = [renderer.state.nominal, *(value for n in chosen for value in plans[n].values)]
-            rendered = renderer.render(values, level)
+            told = None if progress is None else _telling(progress, f"sensitivities, round {turn}")
+            rendered = evaluate(renderer, values, level, address=address, workers=workers, progress=told)
             evaluations += len(values)
-            start = 1
+            nominal, start = rendered[0], 1
             for n in chosen:
                 stop = start + len(plans[n].values)
-                effects[n] = plans[n].effects(rendered[start:stop] - rendered[0])
+                found[n] = _find(plans[n], rendered[start:stop] - nominal, nominal.mean(axis=-1))
                 start = stop
-        todo = _limiting(plans, effects, samples, tolerance)
+        todo = _limiting(plans, found, samples, tolerance)
         samples |= {n: samples[n] * _MORE for n in todo}
-    return _collect(renderer, plans, effects, evaluations)
+    return _collect(renderer, plans, found, nominal.mean(axis=-1), evaluations)
 
 
 def by_draws(
     renderer: PlanRenderer,
     *,
     draws: int = 500,
-    samples: int = 2 * _FIRST,
+    samples: int = 1024,
     seed: int = 1,
+    address: str | None = None,
+    workers: int | None = None,
     progress: Progress | None = None,
 ) -> Propagation:
     """Propagate by Monte Carlo: the whole plan for draws of the whole state vector (GUM Supplement 1).
@@ -146,20 +192,15 @@ def by_draws(
         Sight lines of a point and draw.
     seed
         Of the draws.
+    address, workers
+        As of :func:`twin.cluster.spread`.
     """
     if draws < 2:
         raise ValueError(f"draws: found {draws}; expected at least 2")
-    values = renderer.state.draw(seed, draws)
-    done = 0
-
-    def count(number: int) -> None:
-        nonlocal done
-        done += number
-        if progress is not None and done % 10 == 0:
-            progress(f"{done} of {draws} draws")
-
-    rendered = renderer.render(values, samples, count)
-    nominal = renderer.render([renderer.state.nominal], samples)[0]
+    values = [renderer.state.nominal, *renderer.state.draw(seed, draws)]
+    told = None if progress is None else _telling(progress, "draws")
+    nominal, *others = evaluate(renderer, values, samples, address=address, workers=workers, progress=told)
+    rendered = np.array(others)
     shift = rendered.mean(axis=0) - nominal
     deviations = (rendered - rendered.mean(axis=0)) / np.sqrt(draws - 1)
     variance, noise = squares(deviations)
@@ -171,8 +212,50 @@ def by_draws(
         noise,
         _relative(error, variance),
         shift.mean(axis=-1),
+        nominal.mean(axis=-1),
         evaluations=draws + 1,
     )
+
+
+def evaluate(
+    renderer: PlanRenderer,
+    values: list[FloatArray],
+    samples: int,
+    *,
+    address: str | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> FloatArray:
+    """Reflectance factors at values of the whole vector, shape (evaluation, point, RANDOMISATIONS).
+
+    Parameters
+    ----------
+    values, samples
+        As of :meth:`~twin.propagation_render.PlanRenderer.render`.
+    address, workers
+        Where: as of :func:`twin.cluster.spread`.
+    progress
+        Told how many evaluations are done, and how many there are.
+    """
+    alike, others = renderer.alike(values)
+    chunks = [alike[k : k + renderer.batch] for k in range(0, len(alike), renderer.batch)]
+    chunks += [others[k : k + _CHUNK] for k in range(0, len(others), _CHUNK)]
+    sizes = np.array([len(chunk) for chunk in chunks])
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(round(done / len(chunks) * int(sizes.sum())), int(sizes.sum()))
+
+    items = [[values[n] for n in chunk] for chunk in chunks]
+    parts = spread(Evaluation(renderer, samples), items, address=address, workers=workers, done=tell)
+    result = np.empty((len(values), *parts[0].shape[1:]))
+    for chunk, part in zip(chunks, parts, strict=True):
+        result[chunk] = part
+    return result
+
+
+def _telling(progress: Progress, what: str) -> Callable[[int, int], None]:
+    return lambda done, total: progress(what, done, total)
 
 
 def squares(effects: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -192,20 +275,28 @@ def squares(effects: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(np.sum(mean**2, axis=0) - noise), noise
 
 
-def _variance_error(design: Design, effects: FloatArray) -> FloatArray:
-    """Standard error of a design's variance, shape (point,)."""
-    count = effects.shape[-1]
-    single = effects.var(axis=-1, ddof=1) / count
+def variance_error(effects: FloatArray) -> FloatArray:
+    """Standard error of the variance of :func:`squares` by the ray tracer's noise, shape (point,)."""
+    single = effects.var(axis=-1, ddof=1) / effects.shape[-1]
     tracing = np.sum(4 * np.maximum(effects.mean(axis=-1) ** 2 - single, 0) * single + 2 * single**2, axis=0)
     return np.asarray(np.sqrt(tracing))
 
 
-def _limiting(
-    plans: list[Design], effects: dict[int, FloatArray], samples: dict[int, int], tolerance: float
-) -> list[int]:
+def _find(design: Design, differences: FloatArray, brf: FloatArray) -> _Found:
+    effects, curved = design.effects(differences), design.curved(differences)
+    if curved is None:
+        return _Found(effects, np.zeros((0, *effects.shape[1:])), True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.where(brf > 0, 1 / brf**2, 0.0)
+    total = float(np.sum(squares(curved)[0] * weight))
+    error = float(np.sqrt(np.sum((variance_error(curved) * weight) ** 2)))
+    return _Found(effects, curved, total <= 2 * error)
+
+
+def _limiting(plans: list[Design], found: dict[int, _Found], samples: dict[int, int], tolerance: float) -> list[int]:
     """Designs that need more sight lines; none when the tolerance is reached or nothing more can be done."""
-    total = np.maximum(sum(squares(e)[0] for e in effects.values()), 0.0) if effects else np.zeros(0)
-    errors = np.array([_variance_error(plans[n], effects[n]) for n in sorted(effects)])
+    total = np.maximum(sum(squares(f.counted)[0] for f in found.values()), 0.0) if found else np.zeros(0)
+    errors = np.array([variance_error(found[n].counted) for n in sorted(found)])
     if not len(errors) or not np.any(total > 0):
         return []
     usable = total > 0
@@ -220,27 +311,29 @@ def _limiting(
 
 
 def _collect(
-    renderer: PlanRenderer, plans: list[Design], effects: dict[int, FloatArray], evaluations: int
+    renderer: PlanRenderer, plans: list[Design], found: dict[int, _Found], brf: FloatArray, evaluations: int
 ) -> Propagation:
     state, points = renderer.state, renderer.points
     variance = {source: np.zeros(points) for source in state.sources}
     noise, error2, shift = np.zeros(points), np.zeros(points), np.zeros(points)
-    factors: list[FloatArray] = [np.zeros((points, 0))]
-    sensitivity, curvature, units = {}, {}, {}
+    factors, sources = [np.zeros((points, 0))], []
+    sensitivity, errors, curvature, units = {}, {}, {}, {}
     unit_of = {label: block.unit for block in state.blocks for label in block.labels}
     for n, design in enumerate(plans):
-        own, own_noise = squares(effects[n])
+        effects = found[n].counted
+        own, own_noise = squares(effects)
         variance[design.source] += own
         noise += own_noise
-        error2 += _variance_error(design, effects[n]) ** 2 + (design.aliasing * np.maximum(own, 0)) ** 2
-        mean = effects[n].mean(axis=-1)
-        factors.append(mean.T)
-        shift += design.shift(mean)
-        for label, slope in design.slopes(mean).items():
-            sensitivity[label], units[label] = slope, unit_of[label]
-        ratio = design.curvature(squares, effects[n])
-        if ratio is not None:
-            curvature[design.name] = ratio
+        error2 += variance_error(effects) ** 2 + (design.aliasing * np.maximum(own, 0)) ** 2
+        factors.append(effects.mean(axis=-1).T)
+        sources += [design.source] * len(effects)
+        for label, slope in design.slopes(found[n].effects).items():
+            sensitivity[label], units[label] = slope.mean(axis=-1), unit_of[label]
+            errors[label] = slope.std(axis=-1, ddof=1) / np.sqrt(slope.shape[-1])
+        if not found[n].noisy_curvature:
+            shift += found[n].curved[0].mean(axis=-1) / np.sqrt(2.0)
+            (linear, _), (quadratic, _) = squares(found[n].effects), squares(found[n].curved)
+            curvature[design.name] = float(np.sqrt(max(0.0, quadratic.mean()) / max(linear.mean(), 1e-300)))
     total = sum(variance.values(), np.zeros(points))
     return Propagation(
         variance,
@@ -248,9 +341,12 @@ def _collect(
         noise,
         _relative(np.sqrt(error2), total),
         shift,
+        brf,
         sensitivity,
+        errors,
         units,
         curvature,
+        tuple(sources),
         evaluations,
     )
 

@@ -28,8 +28,10 @@ def propagate(
     standard_error: float = 0.001,
     tolerance: float = 0.1,
     draws: int = 0,
-    samples: int = 2048,
+    samples: int = 1024,
     seed: int = 1,
+    address: str | None = None,
+    workers: int | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Predict a plan with all its uncertainties.
@@ -49,6 +51,10 @@ def propagate(
         apart.
     seed
         Of all random numbers.
+    address, workers
+        Where the plan is evaluated: as of :func:`twin.cluster.spread`.
+    progress
+        Told what is being done, how much of it is done, and how much there is.
 
     Returns
     -------
@@ -59,10 +65,11 @@ def propagate(
     twin = Twin(state.facility, nominal.artifact, state.nominal_material, seed=seed)
     prediction = twin.predict(geometries, standard_error=standard_error, setup=nominal.setup)
     renderer = PlanRenderer(state, geometry_columns(geometries), seed=seed)
+    where: dict[str, Any] = {"address": address, "workers": workers, "progress": progress}
     if draws:
-        result = by_draws(renderer, draws=draws, samples=samples, seed=seed, progress=progress)
+        result = by_draws(renderer, draws=draws, samples=samples, seed=seed, **where)
     else:
-        result = by_sensitivities(renderer, tolerance=tolerance, seed=seed, progress=progress)
+        result = by_sensitivities(renderer, tolerance=tolerance, seed=seed, **where)
     return with_input_uncertainty(prediction, result, state)
 
 
@@ -74,7 +81,8 @@ def with_input_uncertainty(prediction: xr.Dataset, result: Propagation, state: S
     Dataset
         ``brf`` and ``u_brf_monte_carlo`` of the prediction; ``u_brf_inputs`` (with the correlation between points,
         ``err_corr_u_brf_inputs``), ``u_brf`` of both; ``variance_share(point, source)``, whose rows add up to 1;
-        ``sensitivity(point, parameter)`` in brf over the unit of the parameter; ``mean_shift``, the expected value over
+        ``sensitivity(point, parameter)`` in brf over the unit of the parameter, with the ray tracer's standard error
+        ``u_sensitivity``; ``mean_shift``, the expected value over
         the inputs less ``brf`` (not applied); ``u_brf_relative_error``, how well ``u_brf_inputs`` is known.
     """
     tracing = np.asarray(prediction["u_brf_monte_carlo"].values)
@@ -122,6 +130,11 @@ def with_input_uncertainty(prediction: xr.Dataset, result: Propagation, state: S
             ("point", "parameter"),
             slopes,
             {"long_name": "change of brf over that of a parameter"},
+        )
+        dataset["u_sensitivity"] = (
+            ("point", "parameter"),
+            np.stack([result.sensitivity_error[label] for label in result.sensitivity], axis=1),
+            {"long_name": "standard error of sensitivity by the ray tracer (k=1)"},
         )
         known = dict(zip(state.labels, state.standard_uncertainty, strict=True))
         dataset = dataset.assign_coords(

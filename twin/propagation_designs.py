@@ -1,16 +1,15 @@
 """At which values of the inputs the twin is evaluated to find its sensitivities, and what follows from the differences.
 
-A single parameter is varied both ways. Parameters of one source that are many (holes, points of the coupon) are varied
-together along the rows of a Hadamard matrix with random signs: the variance over the rows is their summed variance,
-exactly where the response is linear and the parameters are fewer than the rows, and without bias where they are more
-(parameters that share a column are then told apart by their random signs only). The first column, which is constant, is
-left out, so the nominal rendering is not needed and its noise enters nowhere.
+A single parameter is varied both ways. Parameters of one source that are several (holes, points of the coupon) are
+varied together along the rows of a Hadamard matrix with random signs: the variance over the rows is their summed
+variance, exactly where the response is linear and the parameters are fewer than the rows, and without bias where they
+are more (parameters that share a column are then told apart by their random signs only). The first column, which is
+constant, is left out, so the nominal rendering is not needed and its noise enters nowhere.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +18,10 @@ from scipy.linalg import hadamard
 from instrument.angles import FloatArray
 from twin.state_vector import StateVector
 
-#: Rows of a weighing design at most, a power of two.
-ROWS = 32
-_STEP = np.sqrt(3.0)
-Squares = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+#: Rows of a weighing design of parameters that are told apart, at most, and of one of more parameters; powers of two.
+RESOLVED_ROWS, ROWS = 32, 16
+#: Both ways of a single parameter, in standard uncertainties.
+STEP = float(np.sqrt(3.0))
 
 
 @dataclass(frozen=True)
@@ -61,43 +60,36 @@ class Design(ABC):
         """
 
     @abstractmethod
-    def shift(self, mean: FloatArray) -> FloatArray:
-        """Expected value less nominal value, shape (point,), from mean effects (component, point)."""
+    def curved(self, differences: FloatArray) -> FloatArray | None:
+        """The quadratic effect, shape (1, point, randomisation), scaled like :meth:`effects`; None where not known."""
 
     @abstractmethod
-    def slopes(self, mean: FloatArray) -> dict[str, FloatArray]:
-        """Sensitivities by parameter, shape (point,)."""
-
-    @abstractmethod
-    def curvature(self, squares: Squares, effects: FloatArray) -> float | None:
-        """Quadratic over linear effect, root mean square over the points; None where it is not known."""
+    def slopes(self, effects: FloatArray) -> dict[str, FloatArray]:
+        """Sensitivities by parameter, shape (point, randomisation), of parameters that are told apart."""
 
 
 @dataclass(frozen=True)
 class BothWays(Design):
-    """One parameter, sqrt(3) standard uncertainties up and down.
+    """One parameter, some standard uncertainties up and down.
 
-    With the differences a and b of the two evaluations, (a - b)/(2 sqrt 3) multiplies z and (a + b)/6 multiplies z^2 of
-    a standard normal z; z and (z^2 - 1)/sqrt 2 are uncorrelated with variance 1.
+    With the differences a and b of the two evaluations at +-h standard uncertainties, (a - b)/(2 h) multiplies z and
+    (a + b)/(2 h^2) multiplies z^2 of a standard normal z; z and (z^2 - 1)/sqrt 2 are uncorrelated with variance 1. With
+    h^2 = 3 this is the three-point Gauss-Hermite rule, exact up to the fourth moment.
     """
 
     standard_uncertainty: float
+    step: float = STEP
 
     def effects(self, differences: FloatArray) -> FloatArray:
         up, down = differences
-        return np.stack([(up - down) / (2 * _STEP), np.sqrt(2.0) * (up + down) / 6])
+        return np.asarray((up - down)[None] / (2 * self.step))
 
-    def shift(self, mean: FloatArray) -> FloatArray:
-        return np.asarray(mean[1] / np.sqrt(2.0))
+    def curved(self, differences: FloatArray) -> FloatArray:
+        up, down = differences
+        return np.asarray(np.sqrt(2.0) * (up + down)[None] / (2 * self.step**2))
 
-    def slopes(self, mean: FloatArray) -> dict[str, FloatArray]:
-        return {self.name: mean[0] / self.standard_uncertainty}
-
-    def curvature(self, squares: Squares, effects: FloatArray) -> float | None:
-        (linear, noise), (quadratic, _) = (squares(effects[k : k + 1]) for k in (0, 1))
-        if np.mean(linear) <= np.mean(noise):
-            return None
-        return float(np.sqrt(max(0.0, float(np.mean(quadratic))) / np.mean(linear)))
+    def slopes(self, effects: FloatArray) -> dict[str, FloatArray]:
+        return {self.name: effects[0] / self.standard_uncertainty}
 
 
 @dataclass(frozen=True)
@@ -109,29 +101,43 @@ class Together(Design):
     standard_uncertainty: FloatArray
 
     @property
-    def aliasing(self) -> float:
+    def resolved(self) -> bool:
+        """Whether every parameter has a column of its own."""
         rows, parameters = self.signs.shape
-        return float(np.sqrt(2 / rows)) if parameters >= rows else 0.0
+        return parameters < rows
+
+    @property
+    def aliasing(self) -> float:
+        return 0.0 if self.resolved else float(np.sqrt(2 / len(self.signs)))
 
     def effects(self, differences: FloatArray) -> FloatArray:
-        return (differences - differences.mean(axis=0)) / np.sqrt(len(self.signs))
+        rows = len(self.signs)
+        if not self.resolved:
+            return np.asarray((differences - differences.mean(axis=0)) / np.sqrt(rows))
+        return np.asarray(np.einsum("rk,rpn->kpn", self.signs, differences, optimize=True) / rows)
 
-    def shift(self, mean: FloatArray) -> FloatArray:
-        return np.zeros(mean.shape[1])
-
-    def slopes(self, mean: FloatArray) -> dict[str, FloatArray]:
-        rows, parameters = self.signs.shape
-        if parameters >= rows:
-            return {}
-        slope = self.signs.T @ mean / np.sqrt(rows) / self.standard_uncertainty[:, None]
-        return dict(zip(self.labels, slope, strict=True))
-
-    def curvature(self, squares: Squares, effects: FloatArray) -> float | None:
+    def curved(self, differences: FloatArray) -> None:
         return None
 
+    def slopes(self, effects: FloatArray) -> dict[str, FloatArray]:
+        if not self.resolved:
+            return {}
+        return dict(zip(self.labels, effects / self.standard_uncertainty[:, None, None], strict=True))
 
-def designs(state: StateVector, seed: int) -> list[Design]:
-    """Cover every parameter that has an uncertainty once."""
+
+def designs(state: StateVector, seed: int, *, rows: int = ROWS, step: float = STEP) -> list[Design]:
+    """Cover every parameter that has an uncertainty once.
+
+    Parameters
+    ----------
+    seed
+        Of the random signs.
+    rows
+        Of the designs whose parameters are too many to be told apart, a power of two; with as many rows as there are
+        parameters, and one, they are.
+    step
+        Of single parameters, in standard uncertainties.
+    """
     result: list[Design] = []
     u, nominal, labels = state.standard_uncertainty, state.nominal, state.labels
     generator = np.random.default_rng(seed)
@@ -140,13 +146,15 @@ def designs(state: StateVector, seed: int) -> list[Design]:
         members = members[u[members] > 0]
         if all(len(block) == 1 for block in state.blocks if block.source == source):
             for member in members:
-                step = np.zeros(len(nominal))
-                step[member] = _STEP * u[member]
-                result.append(BothWays(labels[member], source, [nominal + step, nominal - step], float(u[member])))
+                change = np.zeros(len(nominal))
+                change[member] = step * u[member]
+                values = [nominal + change, nominal - change]
+                result.append(BothWays(labels[member], source, values, float(u[member]), step))
             continue
-        rows = min(ROWS, 1 << int(np.ceil(np.log2(len(members) + 1))))
+        needed = 1 << int(np.ceil(np.log2(len(members) + 1)))
+        number = needed if needed <= max(RESOLVED_ROWS, rows) else rows
         flips = generator.choice([-1.0, 1.0], len(members))
-        signs = hadamard(rows)[:, 1 + np.arange(len(members)) % (rows - 1)] * flips
+        signs = hadamard(number)[:, 1 + np.arange(len(members)) % (number - 1)] * flips
         values = []
         for row in signs:
             value = nominal.copy()

@@ -7,7 +7,7 @@ scene. With common random numbers the ray tracer's error nearly cancels from dif
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,13 +16,14 @@ from instrument.angles import FloatArray
 from instrument.artifact import ArtifactDimensions
 from instrument.lambertian import lambertian_flux
 from twin.artifact import Surface, SurfaceMesh, build_mesh
+from twin.common_sampling import CommonShares, prepare_alike
 from twin.material import Material
 from twin.optics import Setup, lay_out, reference_change
 from twin.state_vector import Inputs, StateVector
-from twin.tracer import RANDOMISATIONS, Tracer
+from twin.tracer import RANDOMISATIONS, SHARE, Part, Tracer
 
-#: Evaluations of one scene that share a launch.
-_BATCH = 64
+#: Of each part of a reading so many times the sight lines asked for: light from the top of a plate costs the least.
+_MORE = {Part.PLATE_TOP: 2, Part.REFLECTED_ONCE: 1, Part.SCATTERED: 1}
 
 
 class PlanRenderer:
@@ -40,6 +41,9 @@ class PlanRenderer:
         As for :class:`~twin.prediction.Twin`.
     """
 
+    #: Evaluations of one scene that share a launch.
+    batch = 16
+
     def __init__(
         self,
         state: StateVector,
@@ -52,6 +56,10 @@ class PlanRenderer:
         self._surface_factor = surface_factor
         self._mesh = build_mesh(state.nominal_inputs.artifact)
         self._tables = state.nominal_material.table_index(columns["wavelength"])
+        self._shares: CommonShares | None = None
+        if self._mesh.plate is not None:
+            layout = lay_out(state.facility, columns, state.nominal_inputs.setup)
+            self._shares = CommonShares.of(self._mesh.plate, layout)
         self._flux = lambertian_flux(
             state.facility,
             columns["illumination_zenith"],
@@ -65,9 +73,16 @@ class PlanRenderer:
         """Number of geometries."""
         return len(self._flux)
 
-    def render(
-        self, values: Sequence[FloatArray] | FloatArray, samples: int, progress: Callable[[int], None] | None = None
-    ) -> FloatArray:
+    def alike(self, values: Sequence[FloatArray]) -> tuple[list[int], list[int]]:
+        """Numbers of the evaluations with the nominal sample, which can share a launch, and of the others."""
+        nominal = self.state.nominal
+        shape = np.zeros(len(nominal), dtype=bool)
+        for block, place in self.state.slices():
+            shape[place] = block.changes_shape
+        own = [bool(np.any(np.asarray(value)[shape] != nominal[shape])) for value in values]
+        return [n for n, other in enumerate(own) if not other], [n for n, other in enumerate(own) if other]
+
+    def render(self, values: Sequence[FloatArray] | FloatArray, samples: int) -> FloatArray:
         """Reflectance factors at values of the whole vector.
 
         Parameters
@@ -77,8 +92,6 @@ class PlanRenderer:
         samples
             Sight lines of a point, in all; rounded up to a power of two in each randomisation. Evaluations with the
             same number have the same random numbers.
-        progress
-            Told the number of evaluations just done.
 
         Returns
         -------
@@ -91,30 +104,31 @@ class PlanRenderer:
         for number, member in enumerate(inputs):
             groups.setdefault(id(member.artifact), []).append(number)
         for members in groups.values():
-            for start in range(0, len(members), _BATCH):
-                chosen = members[start : start + _BATCH]
+            for start in range(0, len(members), self.batch):
+                chosen = members[start : start + self.batch]
                 result[chosen] = self._launch([inputs[number] for number in chosen], each)
-                if progress is not None:
-                    progress(len(chosen))
         return result
 
     def _launch(self, members: list[Inputs], samples: int) -> FloatArray:
         """Evaluate inputs that share an artifact, shape (member, point, RANDOMISATIONS)."""
         count, points = len(members), self.points
-        tracer, first_table = self._tracer(members)
+        mesh = self._mesh_of(members[0].artifact)
+        tracer, first_table = self._tracer(mesh, members)
         columns = {name: np.tile(column, count) for name, column in self.columns.items()}
         layout = lay_out(self.state.facility, columns, _side_by_side([m.setup for m in members], points))
-        radiance = tracer.radiance(
-            layout,
-            (first_table[:, None] + self._tables).ravel(),
-            samples,
-            seed=self.seed,
-            keys=np.tile(np.arange(points, dtype=np.uint32), count),
-        )
+        tables = (first_table[:, None] + self._tables).ravel()
+        keys = np.tile(np.arange(points, dtype=np.uint32), count)
+        if self._shares is None or mesh.plate is None:
+            prepared = tracer.prepare(layout, tables, keys=keys)
+        else:
+            prepared = prepare_alike(self._shares, mesh.plate, layout, tables, keys)
+        radiance = np.zeros((len(keys), RANDOMISATIONS))
+        for part in Part:
+            radiance += tracer.part(part, prepared, max(1, samples * _MORE[part] // SHARE[part]), seed=self.seed)
         change = np.array([reference_change(self.state.facility, member.setup) for member in members])
         return radiance.reshape(count, points, RANDOMISATIONS) / (change[:, None] * self._flux)[..., None]
 
-    def _tracer(self, members: list[Inputs]) -> tuple[Tracer, np.ndarray]:
+    def _tracer(self, mesh: SurfaceMesh, members: list[Inputs]) -> tuple[Tracer, np.ndarray]:
         """A tracer that holds every member's material, and where each member's tables begin."""
         materials: dict[int, Material] = {}
         for member in members:
@@ -122,17 +136,30 @@ class PlanRenderer:
                 materials[id(member.coupon_error)] = self.state.material(member.coupon_error)
         place = {key: number for number, key in enumerate(materials)}
         first = np.array([place[id(member.coupon_error)] for member in members])
-        stack = np.concatenate([material.brdf for material in materials.values()])
         axes = next(iter(materials.values()))
-        together = Material(
-            axes.cos_o, axes.phi_rad, axes.cos_i, stack, np.arange(len(stack), dtype=float), name=axes.name
+        # Each surface's tables stay together: (surface material, evaluation and wavelength).
+        tables = [m.brdf.reshape(axes.materials, -1, *axes.brdf.shape[1:]) for m in materials.values()]
+        stack = np.concatenate(tables, axis=1)
+        each, total = tables[0].shape[1], stack.shape[1]
+        together = replace(
+            axes, brdf=stack.reshape(-1, *axes.brdf.shape[1:]), wavelengths=np.arange(total, dtype=float)
         )
-        mesh = self._mesh_of(members[0].artifact)
         tracer = Tracer(mesh, together, surface_factor=self._surface_factor)
-        return tracer, first * len(axes.brdf)
+        return tracer, first * each
 
     def _mesh_of(self, artifact: ArtifactDimensions) -> SurfaceMesh:
         return self._mesh if artifact is self.state.nominal_inputs.artifact else build_mesh(artifact)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """:meth:`PlanRenderer.render` with a number of sight lines, in a form that can be sent to another process."""
+
+    renderer: PlanRenderer
+    samples: int
+
+    def __call__(self, values: Sequence[FloatArray]) -> FloatArray:
+        return self.renderer.render(values, self.samples)
 
 
 def measurement_function(renderer: PlanRenderer, samples: int) -> Callable[..., FloatArray]:

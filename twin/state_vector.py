@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,6 +24,7 @@ from twin.coupon import from_coupon
 from twin.coupon_errors import Unstated, coupon_components
 from twin.material import Material, open_netcdf, read_material
 from twin.optics import Setup
+from twin.reflection_models import file_kind
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,11 @@ class Block:
 
     def __len__(self) -> int:
         return len(self.nominal)
+
+    @property
+    def changes_shape(self) -> bool:
+        """Whether the parameters belong to the sample's dimensions, so that each value needs its own mesh."""
+        return isinstance(self.apply, (_SetDimension, _SetHoles))
 
 
 @dataclass(frozen=True)
@@ -157,7 +164,10 @@ class StateVector:
         if coupon_error is None or self.coupon is None:
             return self.nominal_material
         brf = self.coupon["brf"]
-        return from_coupon(self.coupon.assign(brf=brf + coupon_error), self.nominal_material.name)
+        # In the way that the nominal table was made: another one might suit these values better.
+        method = getattr(self.nominal_material, "method", "")
+        options: dict[str, Any] = {"method": method} if method else {}
+        return from_coupon(self.coupon.assign(brf=brf + coupon_error), self.nominal_material.name, **options)
 
 
 def state_vector(
@@ -210,8 +220,9 @@ def state_vector_from_files(
 
 
 def coupon_of(material: Path) -> xr.Dataset | None:
-    """The coupon run that a material file holds; None where it holds a ready table."""
-    if material.suffix.lower() != ".csv" and "brdf" in open_netcdf(material):
+    """The coupon run that a material file holds; None where it holds a ready table or names other materials."""
+    kind = file_kind(material)
+    if kind not in ("csv", "netcdf") or (kind == "netcdf" and "brdf" in open_netcdf(material)):
         return None
     from instrument.dataset import read_run
 
@@ -273,7 +284,7 @@ class _SetHoles:
     key: str
 
     def __call__(self, inputs: Inputs, values: FloatArray) -> Inputs:
-        change: dict[str, FloatArray] = {self.key: np.asarray(values, dtype=float)}
+        change: dict[str, Any] = {self.key: np.asarray(values, dtype=float)}
         return replace(inputs, artifact=replace(inputs.artifact, holes=replace(inputs.artifact.holes, **change)))
 
 

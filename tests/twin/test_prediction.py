@@ -210,4 +210,4 @@ class TestCommand:
         assert "cavity_depth: found 2 mm" in done.stderr
 
 
-_MAIN = "import typer; from twin.predict_command import predict_command; typer.run(predict_command)"
+_MAIN = "import sys; from instrument.__main__ import main; sys.exit(main(['predict', *sys.argv[1:]]))"
