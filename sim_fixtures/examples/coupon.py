@@ -15,18 +15,18 @@ from instrument.plan import Plan
 from sim_fixtures.reality import Imperfections, Reality
 
 _START = np.datetime64("2026-03-02T08:00:00", "ns")
-_PACE_S = 3600.0 / 162.0  # the paper's 162 points an hour
-_REFERENCE_CURRENT = 1.01e-6  # A a reflectance factor of 1 gives at the reference geometry
-_GAINS = (1e6, 1e7)  # V/A
-_LOW_SIGNAL = 0.25  # V; below this the higher gain is used
-_DARK, _U_DARK = 2e-4, 5e-5  # V
-_RESOLUTION = 1e-6  # V, of the voltmeter
-_REFERENCE_NOISE = 3e-4  # relative, a reading
+PACE_S = 3600.0 / 162.0  # the paper's 162 points an hour
+REFERENCE_CURRENT = 1.01e-6  # A a reflectance factor of 1 gives at the reference geometry
+GAINS = (1e6, 1e7)  # V/A
+LOW_SIGNAL = 0.25  # V; below this the higher gain is used
+DARK, U_DARK = 2e-4, 5e-5  # V
+RESOLUTION = 1e-6  # V, of the voltmeter
+REFERENCE_NOISE = 3e-4  # relative, a reading
 _MOUNTING = 2  # the artifact's own is 0
 _ANOTHER_DAY = 1_000_003  # between the seeds of this run and of the artifact's: their stability is not shared
 
 #: Rows of the budget as variables of the run file, and their correlation over points (None: not stated).
-_COMPONENTS: dict[str, tuple[str, str | None]] = {
+COMPONENTS: dict[str, tuple[str, str | None]] = {
     "measurement_noise": ("noise", "random"),
     "instrument_stability": ("stability", None),
     "wavelength": ("wavelength", "systematic"),
@@ -44,7 +44,8 @@ _COMPONENTS: dict[str, tuple[str, str | None]] = {
 
 def flat_sample() -> ArtifactDimensions:
     """A coated plate of 50 x 50 mm without holes."""
-    return ArtifactDimensions(ArtifactForm(), Holes(*(np.zeros(0) for _ in range(6))), None, Path("witness coupon"))
+    none = np.zeros(0)
+    return ArtifactDimensions(ArtifactForm(), Holes(none, none, none, none, none, none), None, Path("witness coupon"))
 
 
 def coupon_run(facility: Facility, plan: Plan, seed: int) -> xr.Dataset:
@@ -64,7 +65,7 @@ def coupon_run(facility: Facility, plan: Plan, seed: int) -> xr.Dataset:
     """
     wrong = Imperfections.within_budget(facility, seed, _MOUNTING)
     reality = Reality(facility, flat_sample(), wrong, seed + _ANOTHER_DAY, rays=16384)
-    points = _Points.of(plan)
+    points = Points.of(plan)
     generator = np.random.default_rng((seed, 6))
     flux, scale = _fluxes(reality, points)
     noise = relative_budget(facility.budget, "measurement_noise", points) * np.sqrt(plan.samples)
@@ -73,12 +74,12 @@ def coupon_run(facility: Facility, plan: Plan, seed: int) -> xr.Dataset:
     stated = facility.reference.reflectance_factor
     current = (signal.mean(axis=1) - dark) / gain
     unit = np.mean((reference["signal"].mean(axis=1) - reference["dark"]) / reference["gain"]) / stated
-    return _dataset(facility, plan, points, (signal, dark, gain), reference, current / unit / scale)
+    return run_dataset(facility, plan, points, (signal, dark, gain), reference, current / unit / scale)
 
 
 @dataclass(frozen=True)
-class _Points:
-    """Angles (degree) and wavelengths (nm) of a plan, shape (point,) each."""
+class Points:
+    """Angles (degree) and wavelengths (nm) of a plan, shape (point,) each, in the order of measurement."""
 
     wavelength: FloatArray
     illumination_zenith: FloatArray
@@ -87,12 +88,12 @@ class _Points:
     sensor_azimuth: FloatArray
 
     @classmethod
-    def of(cls, plan: Plan) -> _Points:
+    def of(cls, plan: Plan) -> Points:
         names = cls.__dataclass_fields__
         return cls(*(np.array([getattr(point, name) for point in plan.points], dtype=float) for name in names))
 
 
-def relative_budget(budget: Budget, row: str, points: _Points) -> FloatArray:
+def relative_budget(budget: Budget, row: str, points: Points) -> FloatArray:
     """A row of the budget at every point, relative (data contract, section Facility)."""
     given: Budgeted = getattr(budget, row)
     best, worst = given if isinstance(given, tuple) else (given, given)
@@ -102,7 +103,7 @@ def relative_budget(budget: Budget, row: str, points: _Points) -> FloatArray:
     return np.asarray(best + (worst - best) * progress, dtype=np.float64)
 
 
-def _fluxes(reality: Reality, points: _Points) -> tuple[FloatArray, FloatArray]:
+def _fluxes(reality: Reality, points: Points) -> tuple[FloatArray, FloatArray]:
     geometries = list(zip(points.illumination_zenith, points.sensor_zenith, points.sensor_azimuth, strict=True))
     flux = [reality.flux("sample", *g, w) for g, w in zip(geometries, points.wavelength, strict=True)]
     return np.array(flux), np.array([reality.normalisation(*geometry) for geometry in geometries])
@@ -112,13 +113,13 @@ def _readings(
     generator: np.random.Generator, flux: FloatArray, noise: FloatArray, samples: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Voltages (point, sample), dark voltages and gains (point,)."""
-    current = flux * _REFERENCE_CURRENT
-    gain = np.where(current * _GAINS[0] < _LOW_SIGNAL, _GAINS[1], _GAINS[0])
-    dark = _DARK + _U_DARK * generator.standard_normal(len(flux))
+    current = flux * REFERENCE_CURRENT
+    gain = np.where(current * GAINS[0] < LOW_SIGNAL, GAINS[1], GAINS[0])
+    dark = DARK + U_DARK * generator.standard_normal(len(flux))
     # Heavier tails than normal, as speckle and the odd disturbance make them; the factor restores the variance.
     deviation = generator.standard_t(6, (len(flux), samples)) * np.sqrt(4.0 / 6.0)
-    signal = _DARK + (current * gain)[:, None] * (1.0 + noise[:, None] * deviation)
-    return np.round(signal / _RESOLUTION) * _RESOLUTION, np.round(dark / _RESOLUTION) * _RESOLUTION, gain
+    signal = DARK + (current * gain)[:, None] * (1.0 + noise[:, None] * deviation)
+    return np.round(signal / RESOLUTION) * RESOLUTION, np.round(dark / RESOLUTION) * RESOLUTION, gain
 
 
 def _reference(reality: Reality, generator: np.random.Generator, samples: int) -> dict[str, FloatArray]:
@@ -126,25 +127,26 @@ def _reference(reality: Reality, generator: np.random.Generator, samples: int) -
     azimuth = np.array(form.sensor_azimuth)
     zenith = np.full(len(azimuth), form.sensor_zenith)
     flux = reality.flux_many("reference", form.illumination_zenith, zenith, azimuth)
-    signal, dark, gain = _readings(generator, flux, np.full(len(azimuth), _REFERENCE_NOISE), samples)
+    signal, dark, gain = _readings(generator, flux, np.full(len(azimuth), REFERENCE_NOISE), samples)
     return {"sensor_azimuth": azimuth, "signal": signal, "dark": dark, "gain": gain}
 
 
-def _dataset(
+def run_dataset(
     facility: Facility,
     plan: Plan,
-    points: _Points,
+    points: Points,
     readings: tuple[FloatArray, FloatArray, FloatArray],
     reference: dict[str, FloatArray],
     brf: FloatArray,
 ) -> xr.Dataset:
+    """The run file of readings: signal (point, sample), dark and gain (point,), the reference's by name."""
     signal, dark, gain = readings
     count = len(brf)
     coordinates: dict[str, tuple[str, FloatArray, dict[str, str]]] = {
         name: ("point", getattr(points, name), {"units": "nm" if name == "wavelength" else "degree"})
         for name in points.__dataclass_fields__
     }
-    step = np.timedelta64(round(_PACE_S * 1e3), "ms")
+    step = np.timedelta64(round(PACE_S * 1e3), "ms")
     before = _START - np.timedelta64(20, "m") + np.arange(len(reference["gain"])) * np.timedelta64(1, "m")
     data = xr.Dataset(
         {
@@ -171,10 +173,10 @@ def _dataset(
     return _with_flags(_with_uncertainties(data, facility.budget, points))
 
 
-def _with_uncertainties(data: xr.Dataset, budget: Budget, points: _Points) -> xr.Dataset:
+def _with_uncertainties(data: xr.Dataset, budget: Budget, points: Points) -> xr.Dataset:
     brf = np.abs(data["brf"].values)
     squares = np.zeros_like(brf)
-    for row, (name, form) in _COMPONENTS.items():
+    for row, (name, form) in COMPONENTS.items():
         values = relative_budget(budget, row, points) * brf
         squares += values**2
         attributes: dict[str, object] = {
@@ -190,7 +192,7 @@ def _with_uncertainties(data: xr.Dataset, budget: Budget, points: _Points) -> xr
                 "err_corr_1_units": np.zeros(0),
             }
         data[f"u_brf_{name}"] = ("point", values, attributes)
-    data["brf"].attrs["unc_comps"] = [f"u_brf_{name}" for name, _ in _COMPONENTS.values()]
+    data["brf"].attrs["unc_comps"] = [f"u_brf_{name}" for name, _ in COMPONENTS.values()]
     data["u_brf"] = (
         "point",
         np.sqrt(squares),

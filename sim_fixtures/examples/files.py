@@ -6,8 +6,12 @@ import shutil
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from instrument.facility import Facility, read_facility
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Where the committed files lie, and the seed of the committed ``material.nc``.
 HOME = Path(__file__).parent
@@ -68,8 +72,13 @@ def write_material(files: ExampleFiles, seed: int) -> None:
 
     instrument: Facility = read_facility(files.facility)
     data = coupon_run(instrument, read_plan(files.coupon_plan, instrument), seed)
+    write_packed(data, files.material)
+
+
+def write_packed(data: xr.Dataset, path: Path) -> None:
+    """Write a run small: times in ms, components of the uncertainty in single precision, readings deflated."""
     times = {"units": "milliseconds since 2026-03-02 08:00:00", "dtype": "int64"}
     packed: dict[Hashable, dict[str, object]] = {"time": {**times}, "reference_time": {**times}}
     packed["signal"] = {"zlib": True, "complevel": 9, "shuffle": True, "chunksizes": data["signal"].shape}
     packed |= {name: {"dtype": "float32"} for name in data.variables if str(name).startswith("u_brf_")}
-    data.to_netcdf(files.material, engine="h5netcdf", encoding=packed)
+    data.to_netcdf(path, engine="h5netcdf", encoding=packed)

@@ -19,6 +19,10 @@ class Reflection(NamedTuple):
 
     ``table`` holds reflectance factors over (cosine to the sensor, relative azimuth, cosine to the source), the
     cosines evenly from 0 to 1 and the azimuth evenly from 0 over a full turn, which is not repeated.
+
+    ``retro`` is height and angular width parameter of a coherent-backscatter peak, ``glossy`` reflectance and root
+    mean square slope of facets, ``grain`` cosine and sine part of a modulation with twice the azimuth, ``diffusion``
+    the share of the light that travels inside the coating and its diffusion length in mm; shape (2,) each.
     """
 
     kind: int
@@ -29,6 +33,10 @@ class Reflection(NamedTuple):
     backward: float
     backward_azimuth_power: float
     table: FloatArray
+    retro: FloatArray
+    glossy: FloatArray
+    grain: FloatArray
+    diffusion: FloatArray
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,7 @@ class Coating:
             factor * self.backward,
             self.backward_azimuth_power,
             np.zeros((2, 1, 2)),
+            *np.zeros((4, 2)),
         )
 
 
@@ -88,12 +97,50 @@ def tabulated(brdf: FloatArray) -> Reflection:
     Linear in the cosines (evenly from 0 to 1) and in the azimuth (evenly from 0 = backscatter, periodic, last
     node not repeated). The table has to be reciprocal and the same on both sides of the plane of incidence.
     """
-    return Reflection(TABLE, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, np.ascontiguousarray(np.pi * brdf))
+    table = np.ascontiguousarray(np.pi * brdf)
+    return Reflection(TABLE, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, table, *np.zeros((4, 2)))
+
+
+#: tan(angle/2) over the width parameter where the backscatter peak has fallen to 1/e.
+PEAK_AT_1_E: Final = 0.5508
+
+
+@njit(cache=True, nogil=True)
+def backscatter_peak(cos_between: float, width: float) -> float:
+    """Coherent backscatter, 1 at exact retro-reflection (Hapke 2002, equation 32); ``width`` as tan(angle/2)."""
+    x = np.sqrt(max(1.0 - cos_between, 0.0) / max(1.0 + cos_between, 1e-12)) / width
+    if x < 1e-6:
+        return 1.0
+    return (1.0 + (1.0 - np.exp(-x)) / x) / (2.0 * (1.0 + x) ** 2)
+
+
+@njit(cache=True, nogil=True)
+def facet_lobe(cos_source: float, cos_sensor: float, cos_between: float, slope: float) -> float:
+    """BRF of facets of unit reflectance: Beckmann's slopes, V-shaped cavities (Cook and Torrance 1982)."""
+    size = np.sqrt(max(2.0 + 2.0 * cos_between, 1e-12))
+    half = min(1.0, (cos_source + cos_sensor) / size)
+    squared = half * half
+    density = np.exp((squared - 1.0) / (squared * slope * slope)) / (np.pi * slope * slope * squared * squared)
+    seen = min(1.0, 2.0 * half * min(cos_source, cos_sensor) / (0.5 * size))
+    return np.pi * density * seen / (4.0 * cos_source * cos_sensor)
+
+
+@njit(cache=True, nogil=True)
+def grain_factor(reflection: Reflection, wx: float, wy: float, ox: float, oy: float) -> float:
+    """Modulation of a horizontal face with twice the azimuth of both directions; reciprocal."""
+    even = wx * wx - wy * wy + ox * ox - oy * oy
+    odd = 2.0 * (wx * wy + ox * oy)
+    return 1.0 + reflection.grain[0] * even + reflection.grain[1] * odd
 
 
 @njit(cache=True, nogil=True)
 def reflectance_factor(reflection: Reflection, cos_source: float, cos_sensor: float, cos_between: float) -> float:
     """BRF from the two cosines to the normal and the cosine of the angle between the two directions."""
+    extra = 0.0
+    if reflection.retro[0] != 0.0:
+        extra += reflection.retro[0] * backscatter_peak(cos_between, reflection.retro[1])
+    if reflection.glossy[0] != 0.0 and cos_source > 0.0 and cos_sensor > 0.0:
+        extra += reflection.glossy[0] * facet_lobe(cos_source, cos_sensor, cos_between, reflection.glossy[1])
     squared_sines = (1.0 - cos_source * cos_source) * (1.0 - cos_sensor * cos_sensor)
     s = np.sqrt(max(squared_sines, 0.0))
     cos_azimuth = 1.0
@@ -104,13 +151,19 @@ def reflectance_factor(reflection: Reflection, cos_source: float, cos_sensor: fl
         if reflection.forward != 0.0:
             value += (
                 reflection.forward
-                * s**reflection.forward_sine_power
-                * (0.5 * (1.0 - cos_azimuth)) ** reflection.forward_azimuth_power
+                * _power(s, reflection.forward_sine_power)
+                * _power(0.5 * (1.0 - cos_azimuth), reflection.forward_azimuth_power)
             )
         if reflection.backward != 0.0:
-            value += reflection.backward * s * (0.5 * (1.0 + cos_azimuth)) ** reflection.backward_azimuth_power
-        return value
-    return _interpolate(reflection.table, cos_sensor, np.arccos(cos_azimuth), cos_source)
+            value += reflection.backward * s * _power(0.5 * (1.0 + cos_azimuth), reflection.backward_azimuth_power)
+        return value + extra
+    return _interpolate(reflection.table, cos_sensor, np.arccos(cos_azimuth), cos_source) + extra
+
+
+@njit(cache=True, nogil=True)
+def _power(base: float, exponent: float) -> float:
+    """A power; the cube, which most coatings here have, without the cost of a general one."""
+    return base * base * base if exponent == 3.0 else base**exponent
 
 
 @njit(cache=True, nogil=True)

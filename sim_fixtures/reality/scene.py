@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from instrument.angles import FloatArray
 from instrument.artifact import ArtifactDimensions
 from instrument.errors import InputError
+from sim_fixtures.reality.bores import inside_level, leaves_bore, through_bore
 
 #: Where a ray is.
 OUTSIDE: Final = 0
@@ -56,6 +57,12 @@ class Scene(NamedTuple):
         cells run over y fastest, ``shape`` of them.
     factor
         Reflectance of every kind of surface over the coating's, shape (SURFACES,).
+    profile, section
+        Of the holes (:mod:`sim_fixtures.reality.bores`), shape (level, 2) and (2, 2); no levels: cylinders.
+    slope
+        Of the floor along x and y, shape (2,); the depth is that in the middle.
+    patch
+        A stain on the plate: x, y, radius (to exp(-2), mm), relative change of the reflectance; shape (4,).
     """
 
     half_x: float
@@ -74,6 +81,10 @@ class Scene(NamedTuple):
     start: NDArray[np.int64]
     items: NDArray[np.int64]
     factor: FloatArray
+    profile: FloatArray
+    section: FloatArray
+    slope: FloatArray
+    patch: FloatArray
 
 
 def artifact_scene(artifact: ArtifactDimensions) -> Scene:
@@ -130,7 +141,21 @@ def make_scene(
         start,
         items,
         np.ones(SURFACES),
+        np.zeros((0, 2)),
+        np.eye(2),
+        np.zeros(2),
+        np.zeros(4),
     )
+
+
+def with_bores(scene: Scene, profile: FloatArray, section: FloatArray) -> Scene:
+    """The scene with holes of another shape than the cylinder (see :mod:`sim_fixtures.reality.bores`)."""
+    if not len(scene.x):
+        return scene
+    widest = np.max(profile[:, 1]) / np.min(scene.radius) + 1.0
+    grid = _grid(scene.x, scene.y, scene.radius * widest / np.linalg.svd(section)[1].min())
+    low, cell, shape, start, items = grid
+    return scene._replace(low=low, cell=cell, shape=shape, start=start, items=items, profile=profile, section=section)
 
 
 def pit_scene(side: float, depth: float, outline: float) -> Scene:
@@ -165,8 +190,8 @@ def _grid(
 
 
 @njit(cache=True, nogil=True)
-def find_hole(scene: Scene, x: float, y: float) -> int:
-    """The hole that a point of the plate lies in; -1 for none."""
+def find_hole(scene: Scene, x: float, y: float, level: int = 0) -> int:
+    """The hole that a point of the plate's top (level 0) or underside (level -1) lies in; -1 for none."""
     if scene.lidless:
         return 0 if abs(x) < scene.inner_x and abs(y) < scene.inner_y else -1
     i = int(np.floor((x - scene.low[0]) / scene.cell))
@@ -176,9 +201,22 @@ def find_hole(scene: Scene, x: float, y: float) -> int:
     cell = i * scene.shape[1] + j
     for k in range(scene.start[cell], scene.start[cell + 1]):
         hole = scene.items[k]
-        if (x - scene.x[hole]) ** 2 + (y - scene.y[hole]) ** 2 < scene.radius[hole] ** 2:
+        if scene.profile.shape[0] > 0:
+            if inside_level(scene, hole, level, x, y):
+                return hole
+        elif (x - scene.x[hole]) ** 2 + (y - scene.y[hole]) ** 2 < scene.radius[hole] ** 2:
             return hole
     return -1
+
+
+@njit(cache=True, nogil=True)
+def surface_factor(scene: Scene, surface: int, x: float, y: float) -> float:
+    """Reflectance of a point of a surface over the coating's."""
+    factor = scene.factor[surface]
+    if surface == TOP and scene.patch[3] != 0.0:
+        squared = (x - scene.patch[0]) ** 2 + (y - scene.patch[1]) ** 2
+        factor *= 1.0 + scene.patch[3] * np.exp(-2.0 * squared / scene.patch[2] ** 2)
+    return factor
 
 
 @njit(cache=True, nogil=True)
@@ -195,11 +233,13 @@ def sees_out(
         mouth_x, mouth_y = x + t * dx, y + t * dy
         if abs(mouth_x) > scene.inner_x or abs(mouth_y) > scene.inner_y:
             return False
-        hole = find_hole(scene, mouth_x, mouth_y)
+        hole = find_hole(scene, mouth_x, mouth_y, -1)
         if hole < 0:
             return False
         if scene.lidless:
             return True
+    if scene.profile.shape[0] > 0:
+        return leaves_bore(scene, hole, x, y, z, dx, dy, dz)
     t = -z / dz
     # A bore is convex: who is inside at both ends has met no wall.
     return (x + t * dx - scene.x[hole]) ** 2 + (y + t * dy - scene.y[hole]) ** 2 < scene.radius[hole] ** 2
@@ -227,7 +267,13 @@ def follow(
             return TOP, OUTSIDE, -1, x, y, z, 0.0, 0.0, 1.0
         place = CAVITY if scene.lidless else BORE
     while True:
-        if place == BORE:
+        if place == BORE and scene.profile.shape[0] > 0:
+            met, x, y, z, nx, ny, nz = through_bore(scene, hole, x, y, z, dx, dy, dz)
+            if met:
+                return WALL, BORE, hole, x, y, z, nx, ny, nz
+            if dz > 0.0:
+                return ESCAPED, OUTSIDE, -1, x, y, 0.0, 0.0, 0.0, 0.0
+        elif place == BORE:
             t_wall, t_end = _bore_distances(scene, hole, x, y, z, dx, dy, dz)
             if t_wall < t_end:
                 x, y, z = x + t_wall * dx, y + t_wall * dy, z + t_wall * dz
@@ -238,22 +284,32 @@ def follow(
             if dz > 0.0:
                 return ESCAPED, OUTSIDE, -1, x, y, 0.0, 0.0, 0.0, 0.0
             z = -scene.thickness
+        if place == BORE:
             if abs(x) > scene.inner_x or abs(y) > scene.inner_y:
                 return LEDGE, BORE, hole, x, y, z, 0.0, 0.0, 1.0
             place = CAVITY
         t_x = ((scene.inner_x if dx > 0 else -scene.inner_x) - x) / dx if dx != 0.0 else _FAR
         t_y = ((scene.inner_y if dy > 0 else -scene.inner_y) - y) / dy if dy != 0.0 else _FAR
         t_z = ((-scene.thickness if dz > 0 else -scene.depth) - z) / dz if dz != 0.0 else _FAR
+        sx, sy = scene.slope[0], scene.slope[1]
+        to_floor = dz < 0.0
+        if sx != 0.0 or sy != 0.0:
+            t_z = (-scene.thickness - z) / dz if dz > 0.0 else _FAR
+            sinking = dz - sx * dx - sy * dy
+            t_floor = (-scene.depth + sx * x + sy * y - z) / sinking if sinking < 0.0 else _FAR
+            to_floor = t_floor < t_z
+            t_z = min(t_floor, t_z)
         t = min(t_x, t_y, t_z)
         x, y, z = x + t * dx, y + t * dy, z + t * dz
         if t == t_x and t < t_z:
             return SPACER, CAVITY, -1, x, y, z, (-1.0 if dx > 0 else 1.0), 0.0, 0.0
         if t < t_z:
             return SPACER, CAVITY, -1, x, y, z, 0.0, (-1.0 if dy > 0 else 1.0), 0.0
-        if dz < 0.0:
-            return FLOOR, CAVITY, -1, x, y, -scene.depth, 0.0, 0.0, 1.0
+        if to_floor:
+            steep = 1.0 / np.sqrt(1.0 + sx * sx + sy * sy)
+            return FLOOR, CAVITY, -1, x, y, -scene.depth + sx * x + sy * y, -sx * steep, -sy * steep, steep
         z = -scene.thickness
-        hole = find_hole(scene, x, y)
+        hole = find_hole(scene, x, y, -1)
         if hole < 0:
             return UNDERSIDE, CAVITY, -1, x, y, z, 0.0, 0.0, -1.0
         if scene.lidless:

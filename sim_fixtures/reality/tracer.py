@@ -16,14 +16,32 @@ from scipy.stats import qmc
 
 from instrument.angles import FloatArray
 from sim_fixtures.reality.bundle import DIRECTIONS, FAR_DISC, PARALLEL, SQUARE, Bundle
-from sim_fixtures.reality.coating import Reflection, reflectance_factor
-from sim_fixtures.reality.scene import BORE, CAVITY, ESCAPED, LEDGE, LOST, OUTSIDE, TOP, WALL, Scene, follow, sees_out
+from sim_fixtures.reality.coating import Reflection, grain_factor, reflectance_factor
+from sim_fixtures.reality.scene import (
+    BORE,
+    CAVITY,
+    ESCAPED,
+    FLOOR,
+    LEDGE,
+    LOST,
+    OUTSIDE,
+    TOP,
+    UNDERSIDE,
+    WALL,
+    Scene,
+    follow,
+    sees_out,
+    surface_factor,
+)
+from sim_fixtures.reality.transport import diffused, diffusion_step
 
 #: Columns of :attr:`Vertices.values`: point, normal, direction towards the emitter, weight.
 _COLUMNS: Final = 10
 #: Low-discrepancy dimensions of a ray: place on the disc, far end, direction after the first hit.
 _DIMENSIONS: Final = 6
 _DEEPEST: Final = 100
+#: First of the draws for light inside the coating, beyond all others of a ray.
+_APART: Final = 1_000
 _GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
 
 
@@ -190,6 +208,10 @@ def _trace(
             if surface == LOST:
                 lost += weight
                 break
+            if reflection.diffusion[0] > 0.0 and _uniform(seed, ray, _APART + 4 * bounce) < reflection.diffusion[0]:
+                surface, place, hole, x, y, z, nx, ny, nz, wx, wy, wz = _diffuse(
+                    scene, reflection, seed, ray, bounce, surface, place, hole, x, y, z, nx, ny, nz, wx, wy, wz
+                )
             if count < values.shape[0]:
                 row = values[count]
                 row[0], row[1], row[2], row[3], row[4], row[5] = x, y, z, nx, ny, nz
@@ -202,9 +224,11 @@ def _trace(
                 s, t = _uniform(seed, ray, 3 * bounce), _uniform(seed, ray, 3 * bounce + 1)
             ox, oy, oz = _scatter(nx, ny, nz, s, t)
             cos_in, cos_out = wx * nx + wy * ny + wz * nz, ox * nx + oy * ny + oz * nz
-            reflected = scene.factor[surface] * reflectance_factor(
+            reflected = surface_factor(scene, surface, x, y) * reflectance_factor(
                 reflection, cos_in, cos_out, wx * ox + wy * oy + wz * oz
             )
+            if surface in (TOP, FLOOR, UNDERSIDE):
+                reflected *= grain_factor(reflection, wx, wy, ox, oy)
             # The first reflection only weighs; later ones also decide whether the ray lives on, at equal mean.
             if bounce == 0:
                 weight *= reflected
@@ -215,6 +239,47 @@ def _trace(
                 weight *= reflected / survival
             wx, wy, wz = -ox, -oy, -oz
     return count, escaped, lost
+
+
+@njit(cache=True, nogil=True)
+def _diffuse(
+    scene: Scene,
+    reflection: Reflection,
+    seed: np.uint64,
+    ray: int,
+    bounce: int,
+    surface: int,
+    place: int,
+    hole: int,
+    x: float,
+    y: float,
+    z: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    wx: float,
+    wy: float,
+    wz: float,
+) -> tuple[int, int, int, float, float, float, float, float, float, float, float, float]:
+    """Move light inside the coating; on another face it forgets where it came from, and leaves as if lit from above."""
+    draw = _APART + 4 * bounce
+    s, t, w = _uniform(seed, ray, draw + 1), _uniform(seed, ray, draw + 2), _uniform(seed, ray, draw + 3)
+    u, v = diffusion_step(reflection.diffusion[1], s, t, w)
+    before = surface
+    surface, place, hole, x, y, z = diffused(scene, surface, place, hole, x, y, z, u, v)
+    if surface == WALL:
+        mx, my = (scene.x[hole] - x) / scene.radius[hole], (scene.y[hole] - y) / scene.radius[hole]
+        if before == WALL:
+            cosine, sine = mx * nx + my * ny, nx * my - ny * mx
+            wx, wy = cosine * wx - sine * wy, sine * wx + cosine * wy
+        nx, ny, nz = mx, my, 0.0
+    elif surface == TOP and before != TOP:
+        nx, ny, nz = 0.0, 0.0, 1.0
+    elif surface == UNDERSIDE and before != UNDERSIDE:
+        nx, ny, nz = 0.0, 0.0, -1.0
+    if surface != before:
+        wx, wy, wz = nx, ny, nz
+    return surface, place, hole, x, y, z, nx, ny, nz, wx, wy, wz
 
 
 @njit(cache=True, nogil=True)
@@ -266,13 +331,16 @@ def _collect(
         profile = 1.0 if receiver.waist == 0.0 else np.exp(-2.0 * (a * a + b * b) / receiver.waist**2)
         cos_in = row[6] * row[3] + row[7] * row[4] + row[8] * row[5]
         cos_between = row[6] * dx + row[7] * dy + row[8] * dz
-        total += (
+        value = (
             row[9]
-            * scene.factor[surface]
+            * surface_factor(scene, surface, x, y)
             * reflectance_factor(reflection, cos_in, cos_out, cos_between)
             * cos_out
             * stretch
             / cos_disc
             * profile
         )
+        if surface in (TOP, FLOOR, UNDERSIDE):
+            value *= grain_factor(reflection, row[6], row[7], dx, dy)
+        total += value
     return total * receiver.density / np.pi

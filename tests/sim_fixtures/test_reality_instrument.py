@@ -16,6 +16,7 @@ from instrument.plan import read_plan
 from sim_fixtures.examples import example_files
 from sim_fixtures.examples.coupon import flat_sample
 from sim_fixtures.reality import Coating, Imperfections, Reality
+from sim_fixtures.reality.imperfections import CoatingErrors, OpticsErrors, ShapeErrors
 from sim_fixtures.reality.reality import true_dimensions
 from sim_fixtures.reality.stability import Stability
 
@@ -163,7 +164,8 @@ def test_a_mesh_is_refused(facility: Facility, artifact: ArtifactDimensions) -> 
 
 
 def test_no_imperfection_is_the_default() -> None:
-    neutral = {"reference_reflectance": 1.0, "stability_kind": "none"}
+    neutral = {"reference_reflectance": 1.0, "stability_kind": "none", "sample_pivot_mm": (0.0, 0.0, 0.0)}
+    neutral |= {"shape": ShapeErrors(), "coating": CoatingErrors(), "optics": OpticsErrors()}
     assert all(field.default == neutral.get(field.name, 0.0) for field in fields(Imperfections))
 
 
