@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -50,6 +51,8 @@ class Material:
         is the model.
     notes
         What else a person should know, a sentence each.
+    method
+        How a coupon's readings became the table (:data:`twin.coupon.Method`); empty for other materials.
     """
 
     cos_o: FloatArray
@@ -64,6 +67,7 @@ class Material:
     fill_error: dict[str, float] = field(default_factory=dict)
     gridding_error: float = 0.0
     notes: tuple[str, ...] = ()
+    method: Literal["", "auto", "linear", "filled", "smooth"] = ""
 
     def __post_init__(self) -> None:
         tables = self.materials * (1 if self.wavelengths is None else len(self.wavelengths))
@@ -129,6 +133,8 @@ class Material:
             text += f", {self.materials} materials"
         if self.wavelengths is not None:
             text += f" at {listed(self.wavelengths)} nm"
+        if self.method:
+            text += f", {self.method}"
         if self.filled:
             text += "; filled: " + ", ".join(f"{count} for {rule}" for rule, count in self.filled.items())
         return text

@@ -51,7 +51,7 @@ def coupon(*, wavelengths: tuple[float, ...] = (500.0,), shadow: float = 5.0) ->
 
 def test_the_table_returns_the_coupons_readings() -> None:
     run = coupon()
-    material = from_coupon(run, "coupon.nc")
+    material = from_coupon(run, "coupon.nc", "linear")
     o, p = np.abs(run.sensor_zenith.values), run.sensor_azimuth.values + 180.0 * (run.sensor_zenith.values < 0)
     value = np.pi * material.evaluate(
         np.cos(np.deg2rad(o)), np.deg2rad(p), np.cos(np.deg2rad(run.illumination_zenith.values))
@@ -60,7 +60,7 @@ def test_the_table_returns_the_coupons_readings() -> None:
 
 
 def test_the_retro_gap_is_interpolated_linearly_in_zenith_and_counted() -> None:
-    material = from_coupon(coupon(), "coupon.nc")
+    material = from_coupon(coupon(), "coupon.nc", "linear")
     expected = (smooth(np.array(30), np.array(25), np.array(0)) + smooth(np.array(30), np.array(35), np.array(0))) / 2
     cosine = np.cos(np.deg2rad(30.0))
     assert np.pi * material.evaluate(cosine, 0.0, cosine) == pytest.approx(float(expected))
@@ -69,7 +69,7 @@ def test_the_retro_gap_is_interpolated_linearly_in_zenith_and_counted() -> None:
 
 
 def test_beyond_the_last_zenith_the_nearest_value_holds_and_is_counted() -> None:
-    material = from_coupon(coupon(), "coupon.nc")
+    material = from_coupon(coupon(), "coupon.nc", "linear")
     last_o, last_i = np.cos(np.deg2rad(80.0)), np.cos(np.deg2rad(60.0))
     assert material.evaluate(0.05, 1.0, last_i) == pytest.approx(float(material.evaluate(last_o, 1.0, last_i)))
     assert material.evaluate(last_o, 1.0, 0.1) == pytest.approx(float(material.evaluate(last_o, 1.0, last_i)))
@@ -78,7 +78,7 @@ def test_beyond_the_last_zenith_the_nearest_value_holds_and_is_counted() -> None
 
 
 def test_the_table_is_mirror_symmetric_and_periodic() -> None:
-    material = from_coupon(coupon(), "coupon.nc")
+    material = from_coupon(coupon(), "coupon.nc", "linear")
     random = np.random.default_rng(0)
     o, i, phi = random.uniform(0, 1, 50), random.uniform(0, 1, 50), random.uniform(0, 2 * np.pi, 50)
     value = material.evaluate(o, phi, i)
@@ -89,14 +89,14 @@ def test_the_table_is_mirror_symmetric_and_periodic() -> None:
 def test_readings_on_both_sides_of_the_plane_are_averaged() -> None:
     run = coupon()
     tilted = run.brf.values * (1 + 0.01 * np.sign(np.sin(np.deg2rad(run.sensor_azimuth))) * np.sign(run.sensor_zenith))
-    material = from_coupon(run.assign(brf=("point", tilted.values)), "coupon.nc")
+    material = from_coupon(run.assign(brf=("point", tilted.values)), "coupon.nc", "linear")
     at = np.cos(np.deg2rad([40.0, 45.0]))
     symmetric = float(smooth(np.array(45), np.array(40), np.array(90)))
     assert np.pi * material.evaluate(at[0], np.pi / 2, at[1]) == pytest.approx(symmetric)
 
 
 def test_the_azimuth_has_no_meaning_along_the_normal() -> None:
-    material = from_coupon(coupon(), "coupon.nc")
+    material = from_coupon(coupon(), "coupon.nc", "linear")
     at_normal = material.evaluate(0.5, np.linspace(0, 6, 20), 1.0)
     np.testing.assert_allclose(at_normal, at_normal[0], rtol=1e-12)
 
@@ -104,7 +104,7 @@ def test_the_azimuth_has_no_meaning_along_the_normal() -> None:
 def test_each_wavelength_has_its_table() -> None:
     run = coupon(wavelengths=(500.0, 700.0))
     run["brf"] = run.brf * xr.where(run.wavelength > 600, 0.5, 1.0)
-    material = from_coupon(run, "coupon.nc")
+    material = from_coupon(run, "coupon.nc", "linear")
     np.testing.assert_array_equal(material.table_index([700.0, 500.0]), [1, 0])
     assert material.evaluate(0.7, 1.0, 0.9, 1) == pytest.approx(0.5 * float(material.evaluate(0.7, 1.0, 0.9, 0)))
     with pytest.raises(InputError, match="measured at 500, 700 nm; a prediction at 600 nm"):
@@ -135,7 +135,10 @@ def test_a_coupon_without_the_plane_of_incidence_is_an_error() -> None:
 
 def test_the_example_coupon_is_read_and_reflects_what_it_should() -> None:
     material = read_material(shared_file("cases", "common", "material.nc"))
-    assert material.filled == {"retroreflection": 9, "grazing emergence": 25, "grazing incidence": 90}
+    assert material.method == "smooth"
+    with xr.open_dataset(shared_file("cases", "common", "material.nc"), engine="h5netcdf") as run:
+        paper = from_coupon(run.load(), "material.nc", "linear")
+    assert paper.filled == {"retroreflection": 9, "grazing emergence": 25, "grazing incidence": 90}
     np.testing.assert_allclose(material.directional_reflectance(1.0), 0.6, atol=0.01)
 
 
