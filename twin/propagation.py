@@ -55,8 +55,9 @@ class Propagation:
     curvature
         Root mean square over the points of the quadratic effect of a parameter over its linear one, at one standard
         uncertainty; of those where the quadratic one could be told from the ray tracer's noise.
-    component_sources
-        Source of every component of ``factor``; empty where they mix all.
+    component_sources, factor_error
+        Source of every component of ``factor``, and its standard error, shape (point, component); empty where the
+        components mix all sources.
     evaluations
         How often the plan was rendered.
     """
@@ -72,6 +73,7 @@ class Propagation:
     units: dict[str, str] = field(default_factory=dict)
     curvature: dict[str, float] = field(default_factory=dict)
     component_sources: tuple[str, ...] = ()
+    factor_error: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     evaluations: int = 0
 
     @property
@@ -152,8 +154,8 @@ def by_sensitivities(
     plans = designs(renderer.state, seed, rows=rows, step=step)
     samples = dict.fromkeys(range(len(plans)), _FIRST)
     found: dict[int, _Found] = {}
-    todo, evaluations, turn = list(samples), 0, 0
-    nominal = np.zeros((renderer.points, 1))
+    todo, evaluations, turn, finest = list(samples), 0, 0, 0
+    brf = np.zeros(renderer.points)
     while todo:
         turn += 1
         for level in sorted({samples[n] for n in todo}):
@@ -163,13 +165,15 @@ def by_sensitivities(
             rendered = evaluate(renderer, values, level, address=address, workers=workers, progress=told)
             evaluations += len(values)
             nominal, start = rendered[0], 1
+            if level > finest:
+                finest, brf = level, nominal.mean(axis=-1)
             for n in chosen:
                 stop = start + len(plans[n].values)
                 found[n] = _find(plans[n], rendered[start:stop] - nominal, nominal.mean(axis=-1))
                 start = stop
         todo = _limiting(plans, found, samples, tolerance)
         samples |= {n: samples[n] * _MORE for n in todo}
-    return _collect(renderer, plans, found, nominal.mean(axis=-1), evaluations)
+    return _collect(renderer, plans, found, brf, evaluations)
 
 
 def by_draws(
@@ -316,7 +320,7 @@ def _collect(
     state, points = renderer.state, renderer.points
     variance = {source: np.zeros(points) for source in state.sources}
     noise, error2, shift = np.zeros(points), np.zeros(points), np.zeros(points)
-    factors, sources = [np.zeros((points, 0))], []
+    factors, scatter, sources = [np.zeros((points, 0))], [np.zeros((points, 0))], []
     sensitivity, errors, curvature, units = {}, {}, {}, {}
     unit_of = {label: block.unit for block in state.blocks for label in block.labels}
     for n, design in enumerate(plans):
@@ -326,6 +330,7 @@ def _collect(
         noise += own_noise
         error2 += variance_error(effects) ** 2 + (design.aliasing * np.maximum(own, 0)) ** 2
         factors.append(effects.mean(axis=-1).T)
+        scatter.append(effects.std(axis=-1, ddof=1).T / np.sqrt(effects.shape[-1]))
         sources += [design.source] * len(effects)
         for label, slope in design.slopes(found[n].effects).items():
             sensitivity[label], units[label] = slope.mean(axis=-1), unit_of[label]
@@ -347,6 +352,7 @@ def _collect(
         units,
         curvature,
         tuple(sources),
+        np.concatenate(scatter, axis=1),
         evaluations,
     )
 
