@@ -7,12 +7,13 @@ uncertainty of the run, equal in all directions of its parameters, and cut at th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import gamma, pi
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 
@@ -21,7 +22,11 @@ LOWEST, HIGHEST = 0.35, 6.0
 _FALL = 3.0
 #: Radii along a direction, and directions of two or more parameters.
 _RADII, _DIRECTIONS = 36, 24
+#: Values of a parameter of shape, evenly from cap to cap.
+_SHAPES = 6
 _LIMITS = (0.15, 12.0)
+#: Typical amplitudes that no effect exceeds.
+_FARTHEST = 60.0
 
 
 class Parameter(Protocol):
@@ -45,6 +50,11 @@ class Parameter(Protocol):
     @property
     def cap(self) -> tuple[float, float]:
         """Lowest and highest possible value."""
+        ...
+
+    @property
+    def shape(self) -> bool:
+        """Whether it says how the effect looks, not how large it is."""
         ...
 
 
@@ -90,6 +100,8 @@ class Nodes:
 class AmplitudePrior:
     """Prior of an effect's parameters in one run.
 
+    Parameters of shape are uniform within their caps; the others follow the slab.
+
     Parameters
     ----------
     signature
@@ -106,9 +118,17 @@ class AmplitudePrior:
         self.scale = np.array([abs(p.typical) for p in parameters])
         self.low = np.array([p.cap[0] for p in parameters])
         self.high = np.array([p.cap[1] for p in parameters])
-        count = len(parameters)
+        self.sized = np.array([not p.shape for p in parameters])
+        count = int(self.sized.sum())
         self._sphere = 2 * pi ** (count / 2) / gamma(count / 2)
+        self._shape_density = -float(np.sum(np.log((self.high - self.low)[~self.sized])))
         self._inside = 1.0
+
+    def at(self, rows: NDArray[np.int64]) -> AmplitudePrior:
+        """The same prior where only some points of the run are looked at."""
+        some = AmplitudePrior(AtRows(self.signature, rows), self._relative_u[rows])
+        some._inside = self._inside
+        return some
 
     def severity(self, table: FloatArray) -> FloatArray:
         """Of rows of logarithmic ratios, shape (..., point)."""
@@ -118,25 +138,28 @@ class AmplitudePrior:
         """Logarithm of the density at a value, shape (p,), whose logarithmic ratio is known; -inf beyond the cap."""
         if np.any(value < self.low) or np.any(value > self.high):
             return -np.inf
-        radius = float(np.linalg.norm((value - self.nominal) / self.scale))
+        scale = self.scale[self.sized]
+        radius = float(np.linalg.norm((value - self.nominal)[self.sized] / scale))
         severity = float(self.severity(table))
         if radius == 0 or severity == 0:
             return -np.inf
-        jacobian = len(value) * np.log(radius) + np.sum(np.log(self.scale)) + np.log(self._sphere)
-        return float(log_slab(np.array(severity)) - jacobian - np.log(max(self._inside, 1e-12)))
+        jacobian = len(scale) * np.log(radius) + np.sum(np.log(scale)) + np.log(self._sphere)
+        inside = np.log(max(self._inside, 1e-12))
+        return float(log_slab(np.array(severity)) - jacobian + self._shape_density - inside)
 
     def nodes(self) -> Nodes:
-        """Cover the prior: directions, and along each severities in a geometric row."""
+        """Cover the prior: shapes, directions, and along each direction severities in a geometric row."""
         rows, masses, tables = [], [], []
-        directions = _directions(len(self.nominal))
-        for way in directions:
-            radii, log_mass = self._along(way)
-            if not len(radii):
-                continue
-            values = self.nominal + radii[:, None] * way * self.scale
-            rows.append(values)
-            tables.append(self.signature.log_ratio(values))
-            masses.append(log_mass - np.log(len(directions)))
+        shapes, directions = self._shapes(), _directions(int(self.sized.sum()))
+        for shape in shapes:
+            for way in directions:
+                step = np.zeros(len(self.nominal))
+                step[self.sized] = way
+                radii, log_mass, table = self._along(shape, step * self.scale)
+                if len(radii):
+                    rows.append(shape + radii[:, None] * step * self.scale)
+                    masses.append(log_mass - np.log(len(directions) * len(shapes)))
+                    tables.append(table)
         if not rows:
             empty = np.zeros((0, len(self.nominal)))
             return Nodes(empty, np.zeros(0), np.zeros((0, len(self._relative_u))), 0.0)
@@ -145,26 +168,57 @@ class AmplitudePrior:
         normalised = log_mass - np.log(self._inside)
         return Nodes(np.concatenate(rows), normalised, np.concatenate(tables), min(1.0, self._inside))
 
-    def _along(self, way: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Radii along a direction up to the cap, and the logarithm of the prior mass of each."""
-        step = way * self.scale
+    def _shapes(self) -> FloatArray:
+        """Nominal values with the parameters of shape at evenly spread ones, shape (shape, p)."""
+        share = (np.arange(_SHAPES) + 0.5) / _SHAPES
+        axes = [
+            np.array([self.nominal[k]]) if self.sized[k] else self.low[k] + share * (self.high[k] - self.low[k])
+            for k in range(len(self.nominal))
+        ]
+        return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
+
+    def _along(self, origin: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Radii along a direction up to the cap, the logarithm of the prior mass of each, and the tables."""
+        nothing = np.zeros(0), np.zeros(0), np.zeros((0, len(self._relative_u)))
         with np.errstate(divide="ignore", invalid="ignore"):
-            bounds = np.where(
-                step > 0, (self.high - self.nominal) / step, np.where(step < 0, (self.low - self.nominal) / step, np.inf)
-            )
-        longest = float(np.min(bounds))
+            up, down = (self.high - origin) / step, (self.low - origin) / step
+            bounds = np.where(step > 0, up, np.where(step < 0, down, np.inf))
+        longest = min(float(np.min(bounds)), _FARTHEST)
         if longest <= 0:
-            return np.zeros(0), np.zeros(0)
-        probe = np.geomspace(longest * 1e-4, longest, 40) if np.isfinite(longest) else np.geomspace(1e-3, 50, 40)
-        severity = self.severity(self.signature.log_ratio(self.nominal + probe[:, None] * step))
-        severity = np.maximum.accumulate(severity) * (1 + 1e-9 * np.arange(len(probe)))
+            return nothing
+        probe = np.geomspace(longest * 1e-3, longest, 32)
+        found = self.signature.log_ratio(origin + probe[:, None] * step)
+        severity = np.maximum.accumulate(self.severity(found)) * (1 + 1e-9 * np.arange(len(probe)))
         top = min(severity[-1], _LIMITS[1])
         if top <= _LIMITS[0]:
-            return np.zeros(0), np.zeros(0)
+            return nothing
         edges = np.geomspace(_LIMITS[0], top, _RADII + 1)
         centres = np.sqrt(edges[1:] * edges[:-1])
         radii = np.exp(np.interp(np.log(centres), np.log(np.maximum(severity, 1e-12)), np.log(probe)))
-        return radii, log_slab(centres) + np.log(np.log(edges[1:] / edges[:-1]))
+        table = self.signature.log_ratio(origin + radii[:, None] * step)
+        return radii, log_slab(centres) + np.log(np.log(edges[1:] / edges[:-1])), table
+
+
+@dataclass(frozen=True)
+class AtRows:
+    """An effect, at some points of a run."""
+
+    of: Signature
+    rows: NDArray[np.int64]
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.of.name
+
+    @property
+    def parameters(self) -> Sequence[Parameter]:
+        """Of the effect."""
+        return self.of.parameters
+
+    def log_ratio(self, values: FloatArray) -> FloatArray:
+        """As of the effect, shape (value, row)."""
+        return np.asarray(self.of.log_ratio(values)[:, self.rows])
 
 
 def log_slab(severity: FloatArray) -> FloatArray:
@@ -193,5 +247,3 @@ def log_sum(values: FloatArray, axis: int | None = None) -> FloatArray:
 
     return np.asarray(logsumexp(values, axis=axis)) if values.size else np.array(-np.inf)
 
-
-Table = Callable[[FloatArray], FloatArray]

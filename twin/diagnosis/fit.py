@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from instrument.angles import FloatArray
@@ -35,6 +36,12 @@ class Component:
         prior = AmplitudePrior(signature, relative_u)
         nodes = prior.nodes()
         return cls(signature, prior, nodes, Compressed.of(nodes.table))
+
+    def at(self, rows: NDArray[np.int64]) -> Component:
+        """The same effect and prior, at some points of the run."""
+        prior = self.prior.at(rows)
+        nodes = replace(self.nodes, table=self.nodes.table[:, rows])
+        return Component(prior.signature, prior, nodes, Compressed.of(nodes.table))
 
     @property
     def name(self) -> str:
@@ -160,7 +167,7 @@ def refine(
                 break
     jacobian = member.white(slope)
     normal = jacobian @ jacobian.T
-    covariance = np.asarray(linalg.pinvh(normal))
+    covariance = np.asarray(linalg.pinvh(normal), dtype=float)
     log_prior = sum(
         c.prior.log_density(v, c.row(v)) for c, v in zip(components, _split(value, components), strict=True)
     )
@@ -169,7 +176,7 @@ def refine(
         return None
     log_density = member.log_norm - 0.5 * cost
     evidence = log_density + log_prior + 0.5 * len(value) * np.log(2 * np.pi) - 0.5 * log_det
-    return Refined(value, covariance, float(evidence), float(log_density), float(np.sqrt(_squared(member.white(table)))))
+    return Refined(np.asarray(value, dtype=float), covariance, float(evidence), float(log_density), float(np.sqrt(_squared(member.white(table)))))
 
 
 def fit_pair(

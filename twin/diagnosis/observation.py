@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -91,7 +92,7 @@ class Observation:
 
     def take(self, chosen: NDArray[np.int64]) -> Observation:
         """Some of the points."""
-        values = {
+        values: dict[str, Any] = {
             name: value[chosen] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()
         }
         values["columns"] = {name: column[chosen] for name, column in self.columns.items()}
@@ -148,14 +149,14 @@ def observe(run: xr.Dataset, name: str) -> Observation:
     return Observation(name, rows, columns, brf, u_brf, components, seconds, **_readings(kept), notes=tuple(notes))
 
 
-def _readings(run: xr.Dataset) -> dict[str, FloatArray | float | None]:
+def _readings(run: xr.Dataset) -> dict[str, Any]:
     if not {"signal", "dark", "gain"} <= set(run.variables):
         return {}
     signal = np.asarray(run["signal"].mean("sample") - run["dark"], dtype=float)
     gain = np.asarray(run["gain"], dtype=float)
     if not (np.all(np.isfinite(signal)) and np.all(gain > 0)):
         return {}
-    found: dict[str, FloatArray | float | None] = {"signal_v": signal, "gain": gain}
+    found: dict[str, Any] = {"signal_v": signal, "gain": gain}
     if {"reference_signal", "reference_dark", "reference_gain"} <= set(run.variables):
         reference = np.asarray(run["reference_signal"].mean("sample") - run["reference_dark"], dtype=float)
         reference_gain = np.asarray(run["reference_gain"], dtype=float)

@@ -129,12 +129,17 @@ def normalised(hypotheses: Sequence[Hypothesis]) -> Posterior:
 
 
 def pairs(
-    residual: FloatArray, singles: Sequence[tuple[Component, Fit]], members: Sequence[Normal]
+    residual: FloatArray,
+    singles: Sequence[tuple[Component, Fit]],
+    members: Sequence[Normal],
+    *,
+    around: int = _PARTNERS,
+    refitted: int = _REFITTED,
 ) -> list[Fit]:
-    """Two effects together: around the best single ones, every partner that explains more."""
+    """Two effects together: around the best single ones, every partner; the most promising are refitted."""
     ranked = sorted(singles, key=lambda pair: -pair[1].log_evidence)
     candidates: dict[tuple[str, str], tuple[float, Component, Component, FloatArray, NDArray[np.int64]]] = {}
-    for component, fit in ranked[:_PARTNERS]:
+    for component, fit in ranked[:around]:
         chosen = _best_structures(fit, members)
         rest = residual - fit.table
         member = members[fit.best]
@@ -147,7 +152,7 @@ def pairs(
             start = np.concatenate([fit.values, partner.nodes.values[node]])
             if key not in candidates or candidates[key][0] < score[node]:
                 candidates[key] = (float(score[node]), component, partner, start, chosen)
-    best = sorted(candidates.values(), key=lambda c: -c[0])[:_REFITTED]
+    best = sorted(candidates.values(), key=lambda c: -c[0])[:refitted]
     found = []
     for _, component, partner, start, chosen in best:
         fit_two = fit_pair(component, partner, start, residual, members, [int(n) for n in chosen])

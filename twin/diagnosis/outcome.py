@@ -1,0 +1,132 @@
+"""The diagnosis in the form of the data contract (``diagnosis.json``), and the predictions before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from instrument.angles import FloatArray
+from twin.diagnosis.diagnose import Diagnosis
+from twin.diagnosis.verdict import Named
+
+#: Effects that are listed in the ranking.
+_LISTED = 12
+
+
+def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The diagnosis as JSON, keys as in the data contract, section Diagnosis."""
+    rows, gap, consistency = diagnosis.prepared.problem.run.rows, diagnosis.gap, diagnosis.consistency
+    return {
+        "consistency": {
+            "consistent": consistency.consistent,
+            "p_value": consistency.p_value,
+            "dark_uncertainty": consistency.dark_uncertainty,
+            "chi_square_per_point": consistency.chi_square,
+        },
+        "where": [
+            {"points": rows[r.points].tolist(), "description": r.description, "strength": r.strength}
+            for r in diagnosis.where
+        ],
+        "verdict": diagnosis.decision.verdict,
+        "probabilities": {"none": diagnosis.posterior.none, "unknown": diagnosis.posterior.unknown},
+        "effects": [{**_ranked(n), "parameters": parameters(diagnosis, n)} for n in diagnosis.decision.named],
+        "ranking": [_ranked(n) for n in diagnosis.decision.ranking[:_LISTED]],
+        "gap": {
+            "rms_before": gap.before,
+            "rms_after": gap.after,
+            "heldout_rms_before": gap.heldout_before,
+            "heldout_rms_after": gap.heldout_after,
+            "shrink": gap.shrink,
+            "shrink_interval": list(gap.interval),
+            "removable": gap.removable,
+        },
+        "next_scan": _next_scans(diagnosis),
+        "ruled_out": diagnosis.prepared.responses.ruled_out,
+        "notes": list(diagnosis.prepared.problem.run.notes),
+    }
+
+
+def _ranked(named: Named) -> dict[str, Any]:
+    return {"effect": named.effect, "class": list(named.members), "probability": named.probability}
+
+
+def parameters(diagnosis: Diagnosis, named: Named) -> dict[str, dict[str, float]]:
+    """Refitted parameters with their standard uncertainties, and what the budget states of them."""
+    found = diagnosis.prepared.responses.found[named.effect].parameters
+    return {
+        p.name: {"value": float(value), "u": float(u)} | ({"budget": p.budget} if p.budget > 0 else {})
+        for p, value, u in zip(found, named.values, named.u, strict=True)
+    }
+
+
+def _next_scans(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Scans that would tell apart the effects of a class."""
+    found = diagnosis.prepared.responses.found
+    scans: dict[str, list[list[str]]] = {}
+    for named in diagnosis.decision.named or diagnosis.decision.ranking[:1]:
+        for other in named.members[1:]:
+            text = found[named.effect].effect.separated_by or found[other].effect.separated_by
+            if text:
+                scans.setdefault(text, []).append([named.effect, other])
+    return [{"description": text, "separates": pairs} for text, pairs in scans.items()]
+
+
+def predictions(diagnosis: Diagnosis) -> xr.Dataset:
+    """Nominal and corrected predictions of every usable point, in the prediction format."""
+    problem = diagnosis.prepared.problem
+    corrected = problem.nominal * np.exp(diagnosis.correction)
+    u = problem.nominal * np.sqrt(problem.u_nominal**2 + np.sum(problem.budget**2, axis=1))
+    units = {"wavelength": "nm"}
+    coords = {name: ("point", c, {"units": units.get(name, "degree")}) for name, c in problem.run.columns.items()}
+    monte_carlo = problem.nominal * problem.u_nominal
+    return xr.Dataset(
+        {
+            "brf": _variable(corrected, "bidirectional reflectance factor, corrected for what was found"),
+            "brf_nominal": _variable(problem.nominal, "bidirectional reflectance factor of the nominal twin"),
+            "brf_corrected": _variable(corrected, "bidirectional reflectance factor, corrected for what was found"),
+            "u_brf": _variable(u, "combined standard uncertainty (k=1) of brf, inputs within their budget"),
+            "u_brf_monte_carlo": _variable(monte_carlo, "standard error of the ray tracer (k=1)"),
+        },
+        coords=coords,
+        attrs={"Conventions": "CF-1.11", "title": "predicted reflectance factors before and after the diagnosis"},
+    )
+
+
+def _variable(values: FloatArray, long_name: str) -> tuple[str, FloatArray, dict[str, str]]:
+    return "point", values, {"units": "1", "long_name": long_name}
+
+
+def in_words(diagnosis: Diagnosis) -> Sequence[str]:
+    """What was found, one sentence each."""
+    decision, gap, posterior = diagnosis.decision, diagnosis.gap, diagnosis.posterior
+    found = diagnosis.prepared.responses.found
+    lines = []
+    if decision.verdict == "none":
+        lines.append(f"No gap beyond the budget (probability {posterior.none:.2f}).")
+    elif decision.verdict == "unknown":
+        lines.append(f"A gap that no effect of the library explains (probability {posterior.unknown:.2f}).")
+    elif decision.verdict == "undecided":
+        best = ", ".join(f"{n.effect} ({n.probability:.2f})" for n in decision.ranking[:3])
+        lines.append(
+            f"Undecided: no gap {posterior.none:.2f}, unknown {posterior.unknown:.2f}; most probable effects {best}."
+        )
+    for named in decision.named if decision.verdict == "effects" else ():
+        title = found[named.effect].effect.title
+        values = ", ".join(
+            f"{name} {entry['value']:.4g} +- {entry['u']:.2g}" for name, entry in parameters(diagnosis, named).items()
+        )
+        text = f"{title} ({named.effect}): probability {named.probability:.2f}; {values}"
+        if len(named.members) > 1:
+            text += f"; this run cannot tell it from {', '.join(named.members[1:])}"
+        lines.append(text + ".")
+    lines += [f"{region.description} ({region.strength:.1f} u)." for region in diagnosis.where]
+    if decision.verdict != "none":
+        lines.append(
+            f"Held-out slices: relative difference {100 * gap.heldout_before:.2f} % before,"
+            f" {100 * gap.heldout_after:.2f} % after; the gap shrinks by {100 * gap.shrink:.0f} %"
+            f" (expected {100 * gap.interval[0]:.0f} to {100 * gap.interval[1]:.0f} %)."
+        )
+    return lines
