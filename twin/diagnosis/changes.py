@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from instrument.artifact import ArtifactDimensions
 from twin.artifact import SurfaceMesh
@@ -19,8 +19,7 @@ class HoleDiameter(ArtifactChange):
     delta_mm: float
 
     def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
-        holes = replace(artifact.holes, diameter=artifact.holes.diameter + self.delta_mm)
-        return replace(artifact, holes=holes)
+        return artifact.changed(hole_diameter=self.delta_mm)
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,7 @@ class PlateThickness(ArtifactChange):
     delta_mm: float
 
     def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
-        form = artifact.form
-        return replace(artifact, form=form.model_copy(update={"plate_thickness": form.plate_thickness + self.delta_mm}))
+        return artifact.changed(plate_thickness=self.delta_mm)
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,7 @@ class CavityDepth(ArtifactChange):
     delta_mm: float
 
     def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
-        form = artifact.form
-        return replace(artifact, form=form.model_copy(update={"cavity_depth": form.cavity_depth + self.delta_mm}))
+        return artifact.changed(cavity_depth=self.delta_mm)
 
 
 @dataclass(frozen=True)
@@ -57,6 +54,10 @@ class EdgeChamfer(ArtifactChange):
     def mesh(self, mesh: SurfaceMesh) -> SurfaceMesh:
         return chamfered(mesh, self.width_mm)
 
+    @property
+    def chamfer_mm(self) -> float:
+        return self.width_mm
+
 
 @dataclass(frozen=True)
 class Retroreflection(MaterialChange):
@@ -68,6 +69,9 @@ class Retroreflection(MaterialChange):
     def apply(self, material: Material) -> Material:
         return with_retroreflection(material, self.amplitude, self.width_deg)
 
+    def grid_key(self) -> str:
+        return f"retroreflection {self.width_deg!r}"
+
 
 @dataclass(frozen=True)
 class SpecularLobe(MaterialChange):
@@ -78,3 +82,6 @@ class SpecularLobe(MaterialChange):
 
     def apply(self, material: Material) -> Material:
         return with_specular_lobe(material, self.amplitude, self.roughness)
+
+    def grid_key(self) -> str:
+        return f"specular {self.roughness!r}"

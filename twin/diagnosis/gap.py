@@ -146,9 +146,7 @@ def expected_shrink(problem: Problem, leading: Fit, weights: FloatArray, seed: i
     low = np.concatenate([c.prior.low for c in components])
     high = np.concatenate([c.prior.high for c in components])
     draws = np.clip(generator.multivariate_normal(leading.values, spread, _DRAWS, method="svd"), low, high)
-    tables = sum(
-        c.signature.log_ratio(part) for c, part in zip(components, np.split(draws, ends, axis=1), strict=True)
-    )
+    tables = sum(c.signature.log_ratio(part) for c, part in zip(components, np.split(draws, ends, axis=1), strict=True))
     share = weights / np.sum(weights)
     picks = generator.choice(len(share), _DRAWS, p=share)
     found = []

@@ -108,9 +108,7 @@ class Bench:
         from twin.propagation import by_sensitivities
         from twin.propagation_render import PlanRenderer
 
-        state = unplaced(
-            state_vector(self.facility, self.artifact, self.material, coupon_of(self.inputs.material))
-        )
+        state = unplaced(state_vector(self.facility, self.artifact, self.material, coupon_of(self.inputs.material)))
         count = len(run)
         if not state.blocks:
             return np.zeros((count, count)), np.zeros(0)

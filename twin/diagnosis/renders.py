@@ -7,15 +7,16 @@ import logging
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from instrument.angles import FloatArray
+from instrument.angles import FloatArray, direction
 from twin.diagnosis.variation import Variation
-from twin.diagnosis.workbench import Progress, Workbench
+from twin.diagnosis.workbench import Light, Progress, Workbench
 from twin.optics import COORDINATES
 
 _LOG = logging.getLogger(__name__)
@@ -30,16 +31,37 @@ def default_cache() -> Path:
 
 @dataclass(frozen=True)
 class Rendered:
-    """Logarithm of what variations read over what the nominal twin reads, reference readings not considered.
+    """What variations give, as reflectance factors; reference readings are not considered.
 
     Attributes
     ----------
-    log_ratio, u_log_ratio, shape (variation, point)
-        Value and the ray tracer's standard error.
+    once, scattered, shape (variation, point)
+        Light reflected once, and the rest.
+    nominal_once, nominal_scattered, shape (point,)
+        The same of the nominal twin, with the same random numbers.
+    u, shape (variation, point)
+        The ray tracer's standard error of the relative difference from the nominal twin.
     """
 
-    log_ratio: FloatArray
-    u_log_ratio: FloatArray
+    once: FloatArray
+    scattered: FloatArray
+    nominal_once: FloatArray
+    nominal_scattered: FloatArray
+    u: FloatArray
+
+    def log_ratio(self, columns: dict[str, FloatArray]) -> FloatArray:
+        """Logarithm of the readings over the nominal twin's, shape (variation, point).
+
+        The scattered light, which comes from the cavity by way of many reflections, changes with the view as a low
+        polynomial does: of its ratio to the nominal one, that much is kept, and the noise goes.
+        """
+        nominal = self.nominal_once + self.nominal_scattered
+        ratio = smooth_ratio(self.scattered, self.nominal_scattered, columns)
+        varied = self.once + ratio * self.nominal_scattered
+        lit = (varied > 0) & (nominal > 0)
+        return np.log(
+            np.where(lit, varied, 1.0) / np.where(lit, nominal, 1.0), where=lit, out=np.full(lit.shape, _DARK)
+        )
 
 
 class RenderStore:
@@ -93,17 +115,14 @@ class RenderStore:
         columns = {name: rows[:, k].copy() for k, name in enumerate(COORDINATES)}
         distinct = {variation.key(): variation for group in groups for variation in group}
         distinct.pop(_NOMINAL.key(), None)
-        nominal = self.workbench.render([_NOMINAL], columns)[0]
-        values = self.workbench.render(list(distinct.values()), columns, progress)
-        place = {key: number for number, key in enumerate(distinct)}
+        light = self.workbench.render([_NOMINAL, *distinct.values()], columns, progress)
+        place = {_NOMINAL.key(): 0} | {key: number for number, key in enumerate(distinct, start=1)}
+        once, scattered = light.once.mean(axis=-1), light.scattered.mean(axis=-1)
+        error = _error(light)
         result = []
         for group in groups:
-            log_ratio = np.zeros((len(group), len(rows)))
-            error = np.zeros_like(log_ratio)
-            for number, variation in enumerate(group):
-                if variation.key() in place:
-                    log_ratio[number], error[number] = _ratio(values[place[variation.key()]], nominal)
-            result.append(Rendered(log_ratio, error))
+            chosen = [place[variation.key()] for variation in group]
+            result.append(Rendered(once[chosen], scattered[chosen], once[0], scattered[0], error[chosen]))
         return result
 
     def _path(self, group: Sequence[Variation]) -> Path | None:
@@ -116,20 +135,16 @@ class RenderStore:
         """Geometries and renderings of a file; None, and a word in the log, if it is damaged."""
         try:
             with np.load(path, allow_pickle=False) as data:
-                rows, log_ratio, error = data["geometry"], data["log_ratio"], data["u_log_ratio"]
+                rows, parts = data["geometry"], {name: data[name].astype(float) for name in _ARRAYS}
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as problem:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
             _LOG.warning("%s: cannot be read (%s); its responses are rendered again", path, problem)
             return None
-        if (
-            log_ratio.shape != error.shape
-            or log_ratio.shape[1:] != rows.shape[:1]
-            or not np.all(np.isfinite(log_ratio))
-        ):
+        if any(part.shape[-1:] != rows.shape[:1] or not np.all(np.isfinite(part)) for part in parts.values()):
             _LOG.warning("%s: does not hold what it should; its responses are rendered again", path)
             return None
-        return rows, Rendered(log_ratio.astype(float), error.astype(float))
+        return rows, Rendered(**parts)
 
     def _known(self, group: Sequence[Variation], rows: FloatArray) -> Rendered | None:
         """Renderings of a group if all geometries are known."""
@@ -151,39 +166,79 @@ class RenderStore:
             old = {row.tobytes() for row in rows}
             others = np.array([row.tobytes() not in old for row in loaded[0]], dtype=bool)
             rows = np.concatenate([rows, loaded[0][others]])
+            more = _take(loaded[1], np.flatnonzero(others))
             rendered = Rendered(
-                np.concatenate([rendered.log_ratio, loaded[1].log_ratio[:, others]], axis=1),
-                np.concatenate([rendered.u_log_ratio, loaded[1].u_log_ratio[:, others]], axis=1),
+                **{n: np.concatenate([getattr(rendered, n), getattr(more, n)], axis=-1) for n in _ARRAYS}
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as handle:
-            np.savez_compressed(
-                handle,
-                geometry=rows,
-                log_ratio=rendered.log_ratio.astype(np.float32),
-                u_log_ratio=rendered.u_log_ratio.astype(np.float32),
-            )
+            np.savez_compressed(handle, geometry=rows, **{name: getattr(rendered, name) for name in _ARRAYS})
             handle.flush()
         os.replace(handle.name, path)
 
 
-def _ratio(varied: FloatArray, nominal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Logarithm of the ratio of means and its standard error, from values of shape (point, randomisation)."""
-    count = nominal.shape[-1]
-    one, two = varied.mean(axis=-1), nominal.mean(axis=-1)
-    lit = (one > 0) & (two > 0)
-    safe_one, safe_two = np.where(lit, one, 1.0), np.where(lit, two, 1.0)
-    spread = varied / safe_one[:, None] - nominal / safe_two[:, None]
-    error = spread.std(axis=-1, ddof=1) / np.sqrt(count)
-    return np.where(lit, np.log(safe_one / safe_two), _DARK), np.where(lit, error, 0.0)
-
-
+_ARRAYS = tuple(f.name for f in fields(Rendered))
 #: Logarithm that stands for no light at all.
 _DARK = -12.0
+#: Points that a coefficient of the scattered light's ratio needs at least.
+_POINTS_EACH = 6
+#: Terms with less than this many times the variance of noise are taken for noise.
+_NOISE_CUT = 3.0
+
+
+def smooth_ratio(varied: FloatArray, nominal: FloatArray, columns: dict[str, FloatArray]) -> FloatArray:
+    """Ratio of scattered light, smooth over the view, for each illumination and wavelength; shape (variation, point).
+
+    Parameters
+    ----------
+    varied, shape (variation, point), nominal, shape (point,)
+    """
+    names = ("wavelength", "illumination_zenith", "illumination_azimuth")
+    table = np.nan_to_num(np.stack([columns[name] for name in names], axis=1))
+    _, group = np.unique(np.round(table, 6), axis=0, return_inverse=True)
+    view = direction(columns["sensor_zenith"], columns["sensor_azimuth"])
+    result = np.ones_like(varied)
+    for number in range(group.max(initial=-1) + 1):
+        rows = np.flatnonzero((group.reshape(-1) == number) & (nominal > 0))
+        if len(rows):
+            result[:, rows] = _denoised(_basis(view[rows], len(rows)), varied[:, rows] / nominal[rows])
+    return np.maximum(result, 0.0)
+
+
+def _denoised(basis: FloatArray, rows: FloatArray) -> FloatArray:
+    """What a basis, a constant first, explains of rows of shape (n, point); terms that are noise are shrunk to nothing.
+
+    The positive part of the Wiener filter, with the noise from the rest.
+    """
+    size, points = basis.shape[1], basis.shape[0]
+    orthonormal = np.linalg.qr(basis)[0]
+    coefficients = rows @ orthonormal
+    rest = np.sum(rows**2, axis=1) - np.sum(coefficients**2, axis=1)
+    noise = np.maximum(rest, 0.0) / max(points - size, 1)
+    squared = np.maximum(coefficients**2, 1e-30)
+    kept = np.clip(1 - _NOISE_CUT * noise[:, None] / squared, 0.0, 1.0)
+    kept[:, 0] = 1.0
+    return np.asarray((kept * coefficients) @ orthonormal.T)
+
+
+def _basis(view: FloatArray, points: int) -> FloatArray:
+    """Polynomials in the view's direction cosines, fewer for few points, shape (point, polynomial)."""
+    x, y = view[:, 0], view[:, 1]
+    s = x * x + y * y
+    terms = [np.ones_like(x), s, x, y, x * x - y * y, x * y, s * s, x * s, y * s]
+    return np.stack(terms[: max(1, points // _POINTS_EACH)], axis=1)
+
+
+def _error(light: Light) -> FloatArray:
+    """Standard error of the relative difference from the first variation, shape (variation, point)."""
+    total = light.once + light.scattered
+    mean = np.maximum(total.mean(axis=-1, keepdims=True), 1e-12)
+    spread = total / mean - total[:1] / mean[:1]
+    return np.asarray(spread.std(axis=-1, ddof=1) / np.sqrt(total.shape[-1]))
 
 
 def _take(rendered: Rendered, place: np.ndarray) -> Rendered:
-    return Rendered(rendered.log_ratio[:, place], rendered.u_log_ratio[:, place])
+    return Rendered(**{name: getattr(rendered, name)[..., place] for name in _ARRAYS})
 
 
 def _rows(columns: dict[str, FloatArray]) -> FloatArray:

@@ -293,13 +293,14 @@ def _response(
     if isinstance(plan.effect, ReadingEffect):
         return ComputedResponse(plan.effect, plan.parameters, run, brf)
     own = rendered[plan.table]
+    log_ratio = own.log_ratio(run.columns)
     if isinstance(plan.effect, ZenithEffect):
         change = workbench.reference_change
-        return ZenithResponse(plan.effect, plan.parameters, run, own.log_ratio, own.u_log_ratio, change)
+        return ZenithResponse(plan.effect, plan.parameters, run, log_ratio, own.u, change)
     shape = [len(axis) for axis in plan.axes]
     reference = np.array([np.log(workbench.reference_change(v.reference_setup())) for v in plan.variations])
-    table = (own.log_ratio - reference[:, None]).reshape(*shape, -1)
-    return TabulatedResponse(plan.effect, plan.parameters, plan.axes, table, own.u_log_ratio.reshape(*shape, -1))
+    table = (log_ratio - reference[:, None]).reshape(*shape, -1)
+    return TabulatedResponse(plan.effect, plan.parameters, plan.axes, table, own.u.reshape(*shape, -1))
 
 
 def cardinal_spline(nodes: FloatArray) -> BSpline:

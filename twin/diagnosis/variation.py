@@ -23,6 +23,11 @@ class ArtifactChange(ABC):
         """The mesh of the changed dimensions, changed further."""
         return mesh
 
+    @property
+    def chamfer_mm(self) -> float:
+        """Width that the change adds to the chamfers at the upper edges of holes."""
+        return 0.0
+
 
 class MaterialChange(ABC):
     """A change of the material; a frozen dataclass whose fields say everything."""
@@ -30,6 +35,10 @@ class MaterialChange(ABC):
     @abstractmethod
     def apply(self, material: Material) -> Material:
         """The changed material."""
+
+    def grid_key(self) -> str:
+        """The same for changes that may share a table's nodes: they are rendered together."""
+        return repr(self)
 
 
 @dataclass(frozen=True)
@@ -64,7 +73,7 @@ class Variation:
 
     def scene_key(self) -> str:
         """Tells apart what needs a scene of its own."""
-        return repr((self.artifact, self.surface_factor, bool(self.material)))
+        return repr((self.artifact, self.surface_factor, [change.grid_key() for change in self.material]))
 
 
 def together(first: Variation, second: Variation) -> Variation:

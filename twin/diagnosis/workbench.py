@@ -1,8 +1,12 @@
 """The twin on the bench: one plan, rendered for many scenes that differ a little, with the same random numbers.
 
+A reading is the light reflected once and the scattered light. Of a pierced plate the first is a quadrature
+(:mod:`twin.diagnosis.direct_light`), which follows small changes smoothly; the second, some per cent of a reading, is
+ray traced. Any other sample, and an instrument that the quadrature does not know, is ray traced altogether.
+
 Scenes that differ in instrument, sample placement or material share a launch; another mesh, or another reflectance of
 some surfaces, needs a tracer of its own. With common random numbers most of the ray tracer's error cancels from
-the logarithm of a ratio.
+ratios.
 """
 
 from __future__ import annotations
@@ -22,16 +26,17 @@ from instrument.artifact import ArtifactDimensions
 from instrument.facility import Facility
 from instrument.lambertian import lambertian_flux
 from twin.artifact import SurfaceMesh, build_mesh
+from twin.diagnosis.direct_light import once_reflected, pierced_plate, served
 from twin.diagnosis.effects.base import Known
 from twin.diagnosis.variation import Variation
 from twin.material import Material
 from twin.optics import COORDINATES, Setup, lay_out, reference_change
-from twin.tracer import RANDOMISATIONS, Tracer
+from twin.tracer import RANDOMISATIONS, SHARE, Part, Tracer
 
 #: Raised whenever the same variation would give other numbers.
-VERSION = 1
-#: Sight lines of a geometry in each randomisation, a power of two.
-SAMPLES = 128
+VERSION = 2
+#: Sight lines of a geometry in each randomisation, a power of two: for scattered light alone, and for all of it.
+SAMPLES, _ALL_SAMPLES = 128, 512
 #: Geometries in one launch at most: bounds the memory.
 _TOGETHER = 4096
 Progress = Callable[[int], None]
@@ -42,10 +47,21 @@ class _Scene:
     """Variations that one tracer serves, and the table of each in its material."""
 
     mesh: SurfaceMesh
+    dimensions: ArtifactDimensions
+    chamfer_mm: float
     material: Material
     surface_factor: dict[Any, float]
     members: list[int]
     first_table: list[int]
+    nominal: bool
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light reflected once and scattered light as reflectance factors, shape (variation, point, RANDOMISATIONS)."""
+
+    once: FloatArray
+    scattered: FloatArray
 
 
 class Workbench:
@@ -104,7 +120,7 @@ class Workbench:
         variations: Sequence[Variation],
         columns: dict[str, FloatArray],
         progress: Progress | None = None,
-    ) -> FloatArray:
+    ) -> Light:
         """Detected flux over the Lambertian flux at the commanded geometry; the reference reading is not divided out.
 
         Parameters
@@ -113,31 +129,35 @@ class Workbench:
             Commanded geometries, from :func:`~twin.optics.geometry_columns`.
         progress
             Told the number of variations just done.
-
-        Returns
-        -------
-        array, shape (variation, point, RANDOMISATIONS)
         """
         points = len(columns["sensor_zenith"])
-        result = np.empty((len(variations), points, RANDOMISATIONS))
+        once, scattered = (np.empty((len(variations), points, RANDOMISATIONS)) for _ in range(2))
         tables = self.known.material.table_index(columns["wavelength"])
         keys = geometry_keys(columns)
         each = max(1, _TOGETHER // max(points, 1))
         for scene in self._scenes(variations):
             tracer = self._tracer(scene)
+            plate = pierced_plate(scene.dimensions, scene.chamfer_mm)
             for start in range(0, len(scene.members), each):
                 members = scene.members[start : start + each]
                 first = np.array(scene.first_table[start : start + each])
                 many = {name: np.tile(column, len(members)) for name, column in columns.items()}
                 setup = side_by_side([variations[m].setup for m in members], points)
-                radiance = tracer.radiance(
-                    lay_out(self.known.facility, many, setup),
-                    (first[:, None] + tables).ravel(),
-                    self.samples,
-                    seed=self.seed,
-                    keys=np.tile(keys, len(members)),
-                )
-                result[members] = radiance.reshape(len(members), points, RANDOMISATIONS)
+                layout = lay_out(self.known.facility, many, setup)
+                table = (first[:, None] + tables).ravel()
+                shape = (len(members), points, -1)
+                prepared = tracer.prepare(layout, table, keys=np.tile(keys, len(members)))
+                if plate is not None and served(layout):
+                    direct = once_reflected(plate, scene.material, layout, table, scene.surface_factor)
+                    once[members] = direct.reshape(shape)
+                    samples = self.samples
+                else:
+                    samples = max(self.samples, _ALL_SAMPLES)
+                    direct = tracer.part(Part.PLATE_TOP, prepared, samples, seed=self.seed)
+                    direct += tracer.part(Part.REFLECTED_ONCE, prepared, samples, seed=self.seed)
+                    once[members] = direct.reshape(shape)
+                rest = tracer.part(Part.SCATTERED, prepared, max(1, samples // SHARE[Part.SCATTERED]), seed=self.seed)
+                scattered[members] = rest.reshape(shape)
                 if progress is not None:
                     progress(len(members))
         flux = lambertian_flux(
@@ -147,7 +167,7 @@ class Workbench:
             columns["sensor_azimuth"],
             illumination_azimuth=columns["illumination_azimuth"],
         )
-        return np.asarray(result / flux[:, None])
+        return Light(once / flux[:, None], scattered / flux[:, None])
 
     def reference_change(self, setup: Setup) -> float:
         """Reference reading with an instrument that is off, over that of the nominal one."""
@@ -160,7 +180,8 @@ class Workbench:
             groups.setdefault(variation.scene_key(), []).append(number)
         for members in groups.values():
             first = variations[members[0]]
-            mesh = self._changed_mesh(first)
+            mesh, dimensions = self._changed_mesh(first)
+            chamfer = sum(change.chamfer_mm for change in first.artifact)
             by_grid: dict[tuple[bytes, ...], list[tuple[int, Material]]] = {}
             for number in members:
                 material = self.known.material
@@ -169,32 +190,32 @@ class Workbench:
                 grid = tuple(axis.tobytes() for axis in (material.cos_o, material.phi_rad, material.cos_i))
                 by_grid.setdefault(grid, []).append((number, material))
             for some in by_grid.values():
-                yield _stack(mesh, some, dict(first.surface_factor))
+                material, starts = _stack(some)
+                members = [number for number, _ in some]
+                nominal = not (first.artifact or first.material or first.surface_factor)
+                yield _Scene(mesh, dimensions, chamfer, material, dict(first.surface_factor), members, starts, nominal)
 
-    def _changed_mesh(self, variation: Variation) -> SurfaceMesh:
+    def _changed_mesh(self, variation: Variation) -> tuple[SurfaceMesh, ArtifactDimensions]:
         if not variation.artifact:
-            return self.mesh
+            return self.mesh, self.known.artifact
         dimensions = self.known.artifact
         for change in variation.artifact:
             dimensions = change.dimensions(dimensions)
         mesh = self.mesh if dimensions is self.known.artifact else build_mesh(dimensions)
         for change in variation.artifact:
             mesh = change.mesh(mesh)
-        return mesh
+        return mesh, dimensions
 
     def _tracer(self, scene: _Scene) -> Tracer:
-        if scene.mesh is self._mesh and scene.material.name == _NOMINAL and not scene.surface_factor:
+        if scene.nominal:
             if self._nominal_tracer is None:
                 self._nominal_tracer = Tracer(scene.mesh, scene.material)
             return self._nominal_tracer
         return Tracer(scene.mesh, scene.material, surface_factor=scene.surface_factor or None)
 
 
-_NOMINAL = "nominal"
-
-
-def _stack(mesh: SurfaceMesh, some: list[tuple[int, Material]], factor: dict[Any, float]) -> _Scene:
-    """One material that holds the tables of all; equal ones once."""
+def _stack(some: list[tuple[int, Material]]) -> tuple[Material, list[int]]:
+    """One material that holds the tables of all, equal ones once, and where each one's begin."""
     different: dict[int, Material] = {id(material): material for _, material in some}
     starts, total = {}, 0
     for key, material in different.items():
@@ -202,17 +223,8 @@ def _stack(mesh: SurfaceMesh, some: list[tuple[int, Material]], factor: dict[Any
         total += len(material.brdf)
     one = next(iter(different.values()))
     brdf = np.concatenate([material.brdf for material in different.values()])
-    unchanged = len(different) == 1
-    together = Material(
-        one.cos_o,
-        one.phi_rad,
-        one.cos_i,
-        brdf,
-        np.arange(total, dtype=float),
-        name=_NOMINAL if unchanged else "varied",
-    )
-    members = [number for number, _ in some]
-    return _Scene(mesh, together, factor, members, [starts[id(material)] for _, material in some])
+    together = Material(one.cos_o, one.phi_rad, one.cos_i, brdf, np.arange(total, dtype=float), name="varied")
+    return together, [starts[id(material)] for _, material in some]
 
 
 def side_by_side(setups: Sequence[Setup], points: int) -> Setup:

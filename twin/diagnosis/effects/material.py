@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -16,7 +17,35 @@ from twin.diagnosis.variation import Variation
 _CAVITY = (Surface.FLOOR, Surface.UNDERSIDE, Surface.SPACER)
 
 
-class RetroreflectionPeak(SceneEffect):
+#: Share of the light that a lobe of amplitude 1 reflects at most.
+_LOBE_REFLECTANCE = {"retroreflection": 0.6, "specular_lobe": 1.0}
+_LEAST_ROOM = 0.01
+
+
+class _Lobe(SceneEffect):
+    """A lobe on top of the coating; with it no more light may leave the coating than it receives."""
+
+    def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
+        amplitude, shape = super().resolve(known, run)
+        most = 0.95 * _room(known) / _LOBE_REFLECTANCE[self.name]
+        return replace(amplitude, cap=(amplitude.cap[0], min(amplitude.cap[1], most))), shape
+
+    def not_applicable(self, known: Known) -> str:
+        return "the coating reflects all light already" if _room(known) < _LEAST_ROOM else ""
+
+    def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
+        amplitude, shape = parameters
+        return np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1], np.geomspace(*shape.cap, self.nodes[1])
+
+
+def _room(known: Known) -> float:
+    """Share of the light that the coating does not reflect, at the worst incidence."""
+    material = known.material
+    most = max(float(material.directional_reflectance(material.cos_i, k).max()) for k in range(len(material.brdf)))
+    return 1 - most
+
+
+class RetroreflectionPeak(_Lobe):
     """BRF added at exact retro-reflection, falling to 1/e within the width: exp(-angle/width)."""
 
     name = "retroreflection"
@@ -29,17 +58,13 @@ class RetroreflectionPeak(SceneEffect):
     confused_with = ("arm_shadow",)
     separated_by = "illumination zeniths that bring retro-reflection to other sensor zeniths, with a white reference"
 
-    def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
-        amplitude, width = parameters
-        return np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1], np.geomspace(*width.cap, self.nodes[1])
-
     def variation(self, values: FloatArray) -> Variation:
         if values[0] == 0:
             return Variation()
         return Variation(material=(Retroreflection(float(values[0]), float(values[1])),))
 
 
-class SpecularReflection(SceneEffect):
+class SpecularReflection(_Lobe):
     """A microfacet lobe (Torrance-Sparrow, GGX) added: reflectance of the facets, and their roughness."""
 
     name = "specular_lobe"
@@ -51,10 +76,6 @@ class SpecularReflection(SceneEffect):
     nodes: ClassVar = (4, 5)
     confused_with = ("polarization", "sensor_zenith_offset")
     separated_by = "larger illumination zeniths, where the lobe grows and moves"
-
-    def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
-        amplitude, roughness = parameters
-        return np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1], np.geomspace(*roughness.cap, self.nodes[1])
 
     def variation(self, values: FloatArray) -> Variation:
         if values[0] == 0:
