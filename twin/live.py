@@ -4,13 +4,19 @@
 involved: the bus's, on which :meth:`LiveTwin.on_event` only takes notes; one that asks the worker for batch after
 batch; and whoever calls :meth:`LiveTwin.finish`. Whatever happens to the worker process, the scan goes on; what it owes
 is computed again.
+
+A second process works out, in idle time, what the uncertain inputs add to the uncertainty of every point of the plan,
+unless an earlier scan left that in the cache (:mod:`twin.input_uncertainty`). From then on ``u_brf`` holds it; until
+then ``u_brf`` is the ray tracer's error alone, and says so.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -29,10 +35,22 @@ from instrument.events import (
 )
 from instrument.observers import Publish
 from twin.schedule import Batch, Schedule, Stage
-from twin.worker import Prediction, PredictionWorker, TwinUnusable, Unpredictable, WorkerError, WorkerUnavailable
+from twin.worker import (
+    UNCERTAINTY_FACTORY,
+    KnownUncertainty,
+    Prediction,
+    PredictionWorker,
+    Timeouts,
+    TwinUnusable,
+    Unpredictable,
+    WorkerError,
+    WorkerUnavailable,
+)
 
 SOURCE = "twin"
 #: A quick look first, a few whole slices ahead of the scan; then the accuracy that a comparison needs.
+#: Uncertainties of the inputs are worked out when nobody else wants the processor, however long that takes.
+IDLE_NICENESS, IDLE_PATIENCE_S = 19, 6 * 3600.0
 STAGES = (Stage(standard_error=0.004, batch=33), Stage(standard_error=0.001, batch=11))
 #: After so many failures in a row, and none to wait for but them, the rest is reported as missing.
 LAST_ATTEMPTS = 8
@@ -46,7 +64,28 @@ class Predictor(Protocol):
     def close(self) -> None: ...
 
 
+class Assessor(Protocol):
+    """Tells what the inputs add to the uncertainty of predictions."""
+
+    def uncertainty(self, geometries: Sequence[Geometry]) -> Any: ...
+
+    def close(self) -> None: ...
+
+
 PredictorFactory = Callable[[Path, Path, Path], Predictor]
+AssessorFactory = Callable[[Path, Path, Path], Assessor]
+
+
+def idle_assessor(facility: Path, artifact: Path, material: Path) -> Assessor:
+    """A process that works at the lowest priority."""
+    return PredictionWorker(
+        facility,
+        artifact,
+        material,
+        niceness=IDLE_NICENESS,
+        timeouts=Timeouts(request_s=IDLE_PATIENCE_S),
+        factory=UNCERTAINTY_FACTORY,
+    )
 
 
 class LiveTwin:
@@ -58,6 +97,8 @@ class LiveTwin:
         Puts events on the bus; may be called from any thread.
     predictor
         Makes a predictor of (facility, artifact, material).
+    assessor
+        Makes what tells the uncertainty from the inputs, of the same; None: ``u_brf`` is the ray tracer's error alone.
     stages
         Passes over the points, from coarse to fine.
     """
@@ -67,14 +108,18 @@ class LiveTwin:
         publish: Publish,
         *,
         predictor: PredictorFactory = PredictionWorker,
+        assessor: AssessorFactory | None = idle_assessor,
         stages: tuple[Stage, ...] = STAGES,
     ) -> None:
         self._publish = publish
-        self._make_predictor = predictor
+        self._make_predictor, self._make_assessor = predictor, assessor
         self._stages = stages
         self._change = threading.Condition()
         self._clock = _LaboratoryClock()
         self._predictor: Predictor | None = None
+        self._assessor: Assessor | None = None
+        self._known: KnownUncertainty | None = None
+        self._assessor_failed = False
         self._thread: threading.Thread | None = None
         self._schedule: Schedule | None = None
         self._points: tuple[Geometry, ...] = ()
@@ -132,6 +177,14 @@ class LiveTwin:
 
         with self._change:
             values, attributes, run_file = dict(self._values), dict(self._attributes), self._run_file
+            waiting = self._assessor is not None and self._known is None and not self._assessor_failed
+        if waiting:
+            self._say(
+                "info",
+                "u_brf of the predictions is the ray tracer's error alone: the uncertainty of their inputs was not"
+                " ready when the scan ended",
+                "goniotwin predict --uncertainty works it out",
+            )
         try:
             return summarise(run_file or run_dir / "run.nc", self._points, values, attributes, run_dir)
         except NothingToCompare as reason:
@@ -143,8 +196,9 @@ class LiveTwin:
         with self._change:
             self._closed = True
             self._change.notify_all()
-        if self._predictor is not None:
-            self._predictor.close()
+        for worker in (self._predictor, self._assessor):
+            if worker is not None:
+                worker.close()
         if self._thread is not None:
             self._thread.join()
 
@@ -160,7 +214,11 @@ class LiveTwin:
         self._points = event.points
         self._schedule = Schedule(event.points, self._stages)
         self._schedule.move_to(_first_open(len(event.points), self._measured))
-        self._predictor = self._make_predictor(Path(event.facility), Path(event.artifact), Path(event.material))
+        files = Path(event.facility), Path(event.artifact), Path(event.material)
+        self._predictor = self._make_predictor(*files)
+        if self._make_assessor is not None:
+            self._assessor = self._make_assessor(*files)
+            self._assessor.uncertainty(event.points).add_done_callback(self._assess)
         self._thread = threading.Thread(target=self._predict_all, name="live twin", daemon=True)
         self._thread.start()
 
@@ -232,8 +290,43 @@ class LiveTwin:
         values = {i: {"brf": brf, "u_brf": u, "u_brf_monte_carlo": u_mc} for i, brf, u, u_mc in columns}
         with self._change:
             self._schedule.succeeded(batch)
-            self._values.update(values)
-            self._attributes = prediction.attributes
+            self._attributes = dict(prediction.attributes)
+            news = self._take_in(values)
+        self._annotate(news)
+
+    def _assess(self, answer: Future[KnownUncertainty]) -> None:
+        """The uncertainty of the inputs is there, or cannot be told: what was predicted before gets it too."""
+        if answer.cancelled():
+            return
+        error = answer.exception()
+        if error is None:
+            with self._change:
+                self._known = answer.result()
+                news = self._take_in(self._values)
+            self._annotate(news)
+            return
+        with self._change:
+            self._assessor_failed = True
+            closed = self._closed
+        if not closed and not self._hopeless:
+            text = f"the uncertainty of the twin's inputs cannot be told: {error}"
+            self._say("warning", text, "u_brf of the predictions is the ray tracer's error alone")
+
+    def _take_in(self, values: Mapping[int, dict[str, float]]) -> dict[int, dict[str, float]]:
+        """Keep predictions, with the uncertainty of the inputs once that is known; returns what is kept."""
+        known, told = self._known, {}
+        for index, value in values.items():
+            told[index] = dict(value)
+            if known is not None:
+                u = known.u_brf_inputs[index]
+                told[index] |= {"u_brf": math.hypot(u, value["u_brf_monte_carlo"]), "u_brf_inputs": u}
+        self._values.update(told)
+        if known is not None:
+            self._attributes |= {"u_brf_contains": known.contains, "u_brf_notes": "; ".join(known.notes)}
+        return told
+
+    def _annotate(self, values: Mapping[int, dict[str, float]]) -> None:
+        with self._change:
             now = self._clock.now()
         for index, annotation in values.items():
             self._publish(PointAnnotated(time=now, index=index, source=SOURCE, values=annotation))

@@ -18,6 +18,8 @@ from twin.matching import GEOMETRY, find_points
 from twin.tables import comparison_tables
 
 PREDICTED = ("brf", "u_brf", "u_brf_monte_carlo")
+#: Written where every point has it.
+OPTIONAL = ("u_brf_inputs",)
 
 
 class NothingToCompare(RuntimeError):
@@ -40,7 +42,7 @@ def summarise(
     points
         All points of the plan.
     values
-        By index in the plan: ``brf``, ``u_brf``, ``u_brf_monte_carlo``.
+        By index in the plan: ``brf``, ``u_brf``, ``u_brf_monte_carlo``, and ``u_brf_inputs`` once it is known.
     attributes
         Of the prediction.
     run_dir
@@ -77,5 +79,10 @@ def prediction_dataset(
     coordinates = {
         name: ("point", np.array([getattr(points[i], name) for i in order], dtype=float)) for name in GEOMETRY
     }
-    columns = {name: ("point", np.array([values[i][name] for i in order], dtype=float)) for name in PREDICTED}
-    return xr.Dataset(columns, coords=coordinates, attrs=dict(attributes))
+    names = [*PREDICTED, *(name for name in OPTIONAL if all(name in values[i] for i in order))]
+    columns = {name: ("point", np.array([values[i][name] for i in order], dtype=float)) for name in names}
+    dataset = xr.Dataset(columns, coords=coordinates, attrs=dict(attributes))
+    for name in OPTIONAL:
+        if name in dataset:
+            dataset[name].attrs = {"units": "1", "long_name": "standard uncertainty (k=1) of brf from all inputs"}
+    return dataset

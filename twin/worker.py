@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +29,8 @@ Json = dict[str, Any]
 
 #: What the process calls with (facility, artifact, material) to get an object with ``predict``.
 TWIN_FACTORY = "twin.prediction:Twin.from_files"
+#: And to get one with ``uncertainty``.
+UNCERTAINTY_FACTORY = "twin.input_uncertainty:UncertainTwin.from_files"
 
 
 class WorkerError(RuntimeError):
@@ -67,6 +69,25 @@ class Prediction:
 
 
 @dataclass(frozen=True)
+class KnownUncertainty:
+    """Standard uncertainties (k = 1) of the requested points from the inputs of the twin.
+
+    Attributes
+    ----------
+    u_brf_inputs
+        In the order of the request.
+    contains
+        What a combined uncertainty that includes them holds, in words.
+    notes
+        What was assumed, and what is not propagated.
+    """
+
+    u_brf_inputs: tuple[float, ...]
+    contains: str
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class RestartLimit:
     """At most ``starts`` starts of the process within ``window_s`` seconds."""
 
@@ -84,9 +105,9 @@ class Timeouts:
 
 @dataclass
 class _Request:
-    indices: tuple[int, ...]
     message: Json
-    future: Future[Prediction] = field(default_factory=Future)
+    read: Callable[[Json], Any]
+    future: Future[Any] = field(default_factory=Future)
 
 
 class PredictionWorker:
@@ -175,7 +196,23 @@ class PredictionWorker:
             "standard_error": standard_error,
             "seed": self._seed,
         }
-        request = _Request(tuple(indices), message)
+        return self._put(message, lambda reply: _prediction(tuple(indices), reply))
+
+    def uncertainty(self, geometries: Sequence[Geometry]) -> Future[KnownUncertainty]:
+        """Ask what the inputs add to the uncertainty of these points; returns at once.
+
+        The twin of the process must be able to tell (:class:`twin.input_uncertainty.UncertainTwin`).
+
+        Returns
+        -------
+        Future
+            Holds a :class:`KnownUncertainty` or raises as that of :meth:`predict`.
+        """
+        message = {"id": next(self._numbers), "uncertainty": [geometry.model_dump() for geometry in geometries]}
+        return self._put(message, _known_uncertainty)
+
+    def _put(self, message: Json, read: Callable[[Json], Any]) -> Future[Any]:
+        request = _Request(message, read)
         with self._lock:
             if self._closed:
                 raise WorkerError("the prediction worker is closed")
@@ -204,30 +241,24 @@ class PredictionWorker:
             if not request.future.set_running_or_notify_cancel():
                 continue
             try:
-                prediction = self._compute(request)
+                answer = self._compute(request)
             except (WorkerError, TwinUnusable, InputError) as error:
                 request.future.set_exception(error)
             except BaseException as error:
                 request.future.set_exception(error)
                 raise
             else:
-                request.future.set_result(prediction)
+                request.future.set_result(answer)
         if self._process is not None:
             self._process.kill()
             self._process.bury()
 
-    def _compute(self, request: _Request) -> Prediction:
+    def _compute(self, request: _Request) -> Any:
         process = self._running_process()
         reply = process.ask(request.message, self._timeouts.request_s)
         if "failed" in reply:
             raise Unpredictable(reply["failed"]) if reply["bad_input"] else WorkerError(reply["failed"])
-        return Prediction(
-            indices=request.indices,
-            brf=tuple(reply["brf"]),
-            u_brf=tuple(reply["u_brf"]),
-            u_brf_monte_carlo=tuple(reply["u_brf_monte_carlo"]),
-            attributes=reply["attributes"],
-        )
+        return request.read(reply)
 
     def _running_process(self) -> _Process:
         if self._process is not None and self._process.alive:
@@ -258,6 +289,15 @@ class PredictionWorker:
             text = f"the ray tracing process was started {len(self._starts)} times in {self._restarts.window_s:g} s"
             raise WorkerUnavailable(text, wait)
         self._starts.append(now)
+
+
+def _prediction(indices: tuple[int, ...], reply: Json) -> Prediction:
+    brf, u_brf, u_monte_carlo = (tuple(reply[name]) for name in ("brf", "u_brf", "u_brf_monte_carlo"))
+    return Prediction(indices, brf, u_brf, u_monte_carlo, reply["attributes"])
+
+
+def _known_uncertainty(reply: Json) -> KnownUncertainty:
+    return KnownUncertainty(tuple(reply["u_brf_inputs"]), reply["contains"], tuple(reply["notes"]))
 
 
 class _Process:

@@ -3,8 +3,9 @@
 It reads requests from standard input and answers on standard output, one JSON object a line; the client is
 :mod:`twin.worker`. First comes ``{"open": {...}}`` with the paths, answered by ``{"ready": {...}}`` or
 ``{"failed": ...}``; then any number of ``{"id", "geometries", "standard_error", "seed"}``, each answered by
-``{"id", "brf", "u_brf", "u_brf_monte_carlo", "attributes"}`` or ``{"id", "failed": ...}``. When standard input ends,
-because the client closed it or died, the process ends at once, in the middle of a computation too.
+``{"id", "brf", "u_brf", "u_brf_monte_carlo", "attributes"}`` or ``{"id", "failed": ...}``, or of
+``{"id", "uncertainty": geometries}``, answered by ``{"id", "u_brf_inputs", "contains", "notes"}``. When standard input
+ends, because the client closed it or died, the process ends at once, in the middle of a computation too.
 """
 
 from __future__ import annotations
@@ -82,6 +83,10 @@ def _answer(twin: Any, request: Json) -> Json:
     try:
         from instrument.events import Geometry
 
+        if "uncertainty" in request:
+            known = twin.uncertainty([Geometry.model_validate(geometry) for geometry in request["uncertainty"]])
+            answer = {"u_brf_inputs": known.u.tolist(), "contains": known.contains, "notes": list(known.notes)}
+            return {"id": request["id"], **answer}
         geometries = [Geometry.model_validate(geometry) for geometry in request["geometries"]]
         result = twin.predict(geometries, standard_error=request["standard_error"], seed=request["seed"])
         columns = {name: result[name].values.tolist() for name in ("brf", "u_brf", "u_brf_monte_carlo")}

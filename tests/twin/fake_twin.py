@@ -2,6 +2,7 @@
 
 The material file holds its orders as JSON: ``delay_s`` a request, ``die_at`` a sensor zenith at which the process
 aborts, ``die_times`` how often it does, ``print`` noise on standard output, ``broken`` an input error,
+``wait_for`` a file without which no uncertainty is told, ``no_uncertainty`` why it is not told at all,
 ``raise_at`` a sensor zenith at which it raises, ``refuse_at`` one that is bad input, ``hang_at`` one at which it
 never answers.
 """
@@ -21,6 +22,10 @@ from instrument.errors import InputError
 
 def expected_brf(geometry) -> float:
     return 0.4 + 0.001 * geometry.sensor_zenith + 1e-5 * geometry.sensor_azimuth
+
+
+def expected_u(geometry) -> float:
+    return 0.003 + 1e-5 * geometry.sensor_zenith
 
 
 class FakeTwin:
@@ -59,8 +64,21 @@ class FakeTwin:
         time.sleep(self.orders.get("delay_s", 0.0))
         values = np.array([expected_brf(geometry) for geometry in geometries])
         u = standard_error * values
-        attributes = {"seed": np.int64(seed or 0), "nice": os.nice(0) if hasattr(os, "nice") else 0, "pid": os.getpid()}
+        attributes = {
+            "u_brf_contains": "the ray tracer's standard error alone",
+            "seed": np.int64(seed or 0),
+            "nice": os.nice(0) if hasattr(os, "nice") else 0,
+            "pid": os.getpid(),
+        }
         return FakeDataset({"brf": values, "u_brf": u, "u_brf_monte_carlo": u}, attributes)
+
+    def uncertainty(self, geometries) -> SimpleNamespace:
+        while self.orders.get("wait_for") and not Path(self.orders["wait_for"]).exists():
+            time.sleep(0.01)
+        if self.orders.get("no_uncertainty"):
+            raise InputError(self.orders["no_uncertainty"])
+        u = np.array([expected_u(geometry) for geometry in geometries])
+        return SimpleNamespace(u=u, contains="7 uncertain inputs and the ray tracer's standard error", notes=("a", "b"))
 
 
 class FakeDataset:

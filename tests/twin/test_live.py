@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-from fake_twin import expected_brf
+from fake_twin import expected_brf, expected_u
 from rich.console import Console
 
 from instrument.dataset import read_prediction, write_run
@@ -35,7 +35,7 @@ POINTS = tuple(
 class StagedScan:
     """A bus of one listener and an engine that measures at the test's word."""
 
-    def __init__(self, files, tmp_path, **options) -> None:
+    def __init__(self, files, tmp_path, *, uncertain: bool = False, **options) -> None:
         self.files, self.run_dir = files, tmp_path / "run"
         self.run_dir.mkdir()
         self.heard: list = []
@@ -47,7 +47,7 @@ class StagedScan:
             self.workers.append(worker(*paths))
             return self.workers[-1]
 
-        self.twin = LiveTwin(self.publish, predictor=made, stages=STAGES)
+        self.twin = LiveTwin(self.publish, predictor=made, assessor=made if uncertain else None, stages=STAGES)
 
     def publish(self, event) -> None:
         with self.news:
@@ -292,3 +292,69 @@ def test_its_events_are_stamped_with_laboratory_time(scan_of):
     scan.start(clock_speed=1000.0)
     annotation = scan.await_annotations(1)[0]
     assert (annotation.time - NOW).total_seconds() > 100  # at least a tenth of a second passed to start the process
+
+
+def check_combined(annotations) -> None:
+    for annotation in annotations:
+        u, values = expected_u(POINTS[annotation.index]), annotation.values
+        assert values["u_brf_inputs"] == u
+        assert values["u_brf"] == pytest.approx(np.hypot(u, values["u_brf_monte_carlo"]))
+
+
+def test_the_uncertainty_of_the_inputs_is_added_once_it_is_known(scan_of, fake_files, tmp_path):
+    fake_files.order(wait_for=str(tmp_path / "ready"))
+    scan = scan_of(uncertain=True)
+    scan.start()
+    before = list(scan.await_annotations(2 * len(POINTS)))
+    assert all("u_brf_inputs" not in annotation.values for annotation in before)
+    (tmp_path / "ready").touch()
+    after = scan.await_annotations(3 * len(POINTS))[2 * len(POINTS) :]
+    assert sorted(annotation.index for annotation in after) == list(range(len(POINTS)))
+    check_combined(after)
+    for index in range(len(POINTS)):
+        scan.measure(index)
+    scan.end(range(len(POINTS)))
+    check_results(scan, range(len(POINTS)))
+    prediction = read_prediction(scan.run_dir / "prediction.nc")
+    assert prediction["u_brf_inputs"].values.tolist() == [expected_u(point) for point in POINTS]
+    assert prediction.attrs["u_brf_contains"] == "7 uncertain inputs and the ray tracer's standard error"
+    assert prediction.attrs["u_brf_notes"] == "a; b"
+    assert scan.messages == []
+
+
+def test_a_known_uncertainty_comes_with_the_first_prediction(scan_of, fake_files):
+    fake_files.order(delay_s=1.0)  # of a prediction, so that the uncertainty is there first
+    scan = scan_of(uncertain=True)
+    scan.start()
+    check_combined(scan.await_annotations(6)[:6])
+
+
+def test_a_scan_that_ends_early_says_what_its_uncertainty_lacks(scan_of, fake_files, tmp_path):
+    fake_files.order(wait_for=str(tmp_path / "never"))
+    scan = scan_of(uncertain=True)
+    scan.start()
+    scan.measure(0)
+    scan.end([0])
+    prediction = read_prediction(scan.run_dir / "prediction.nc")
+    assert "u_brf_inputs" not in prediction
+    assert prediction.attrs["u_brf_contains"] == "the ray tracer's standard error alone"
+    assert any("was not ready when the scan ended" in m.text and "predict --uncertainty" in m.advice
+               for m in scan.messages)  # fmt: skip
+    began = time.monotonic()
+    scan.twin.close()
+    assert time.monotonic() - began < 5
+    assert all(worker.pid is None for worker in scan.workers)
+
+
+def test_an_uncertainty_that_cannot_be_told_is_said_and_the_predictions_go_on(scan_of, fake_files):
+    fake_files.order(no_uncertainty="material.nc: u_brf missing")
+    scan = scan_of(uncertain=True)
+    scan.start()
+    for index in range(len(POINTS)):
+        scan.measure(index)
+    scan.await_annotations(2 * len(POINTS))
+    scan.end(range(len(POINTS)))
+    check_results(scan, range(len(POINTS)))
+    (said,) = [m for m in scan.messages if m.level == "warning"]
+    assert said.text == "the uncertainty of the twin's inputs cannot be told: material.nc: u_brf missing"
+    assert "ray tracer's error alone" in said.advice

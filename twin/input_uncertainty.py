@@ -1,0 +1,251 @@
+"""Uncertainty of a prediction from its inputs, worked out once for a plan and kept by content.
+
+It depends on facility, artifact, material and geometries, not on what is measured: while a scan runs it is worked out
+in idle time (:class:`UncertainTwin`, in a process of its own), and every later scan or comparison with the same inputs
+finds it in the user's cache folder.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from instrument.angles import FloatArray
+from instrument.events import Geometry
+from instrument.files import replacing
+from twin.content import cache_folder, content_digest
+from twin.matching import GEOMETRY
+from twin.optics import geometry_columns
+from twin.propagation import by_sensitivities
+from twin.propagation_render import PlanRenderer
+from twin.state_vector import StateVector, state_vector_from_files
+
+_LOG = logging.getLogger(__name__)
+#: Counts up when the computation changes: what older programs kept is not used then.
+_VERSION = 1
+#: Relative standard error of the uncertainty to reach at the median point.
+TOLERANCE = 0.1
+_SEED = 1
+#: Decimals of angles and wavelengths by which geometries are told apart.
+_DECIMALS = 6
+
+
+@dataclass(frozen=True)
+class InputUncertainty:
+    """What the inputs add to the uncertainty of predictions.
+
+    Attributes
+    ----------
+    geometry, shape (point, 5)
+        In the order of :data:`~twin.matching.GEOMETRY`.
+    variance, shape (source, point)
+        Squared standard uncertainties (k = 1); an estimate near 0 can be negative.
+    u_error, shape (point,)
+        Relative standard error of ``u``.
+    sources
+        Rows of the budget.
+    inputs
+        Number of uncertain inputs.
+    notes
+        What was assumed, and what is not propagated.
+    """
+
+    geometry: FloatArray
+    variance: FloatArray
+    u_error: FloatArray
+    sources: tuple[str, ...]
+    inputs: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def u(self) -> FloatArray:
+        """Standard uncertainty (k = 1) of brf from all inputs, shape (point,)."""
+        return np.sqrt(np.maximum(self.variance.sum(axis=0), 0.0))
+
+    @property
+    def contains(self) -> str:
+        """What a ``u_brf`` that includes it holds, for its attribute ``u_brf_contains``."""
+        return f"{self.inputs} uncertain inputs and the ray tracer's standard error"
+
+    def of(self, rows: FloatArray) -> InputUncertainty | None:
+        """That of some geometries, shape (row, 5); None if one of them is missing."""
+        place = {row.tobytes(): number for number, row in enumerate(_rounded(self.geometry))}
+        wanted = [place.get(row.tobytes(), -1) for row in _rounded(rows)]
+        if min(wanted, default=0) < 0:
+            return None
+        chosen = np.array(wanted, dtype=np.int64)
+        return InputUncertainty(
+            rows, self.variance[:, chosen], self.u_error[chosen], self.sources, self.inputs, self.notes
+        )
+
+
+def find_input_uncertainty(
+    state: StateVector,
+    geometries: Sequence[Geometry] | xr.Dataset,
+    *,
+    folder: Path | None = None,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[], None] | None = None,
+) -> InputUncertainty:
+    """What the inputs add to the uncertainty of predictions, from the cache or by sensitivities.
+
+    Parameters
+    ----------
+    state
+        Nominal inputs and their uncertainties.
+    geometries
+        A plan, or points of it: what is known of a plan serves every part of it.
+    folder
+        Where results are kept; None for the user's cache folder.
+    tolerance
+        Relative standard error of the uncertainty to reach at the median point.
+    progress
+        Called before a computation, which takes its time, begins.
+    """
+    store = UncertaintyStore(state, cache_folder() if folder is None else folder, tolerance)
+    columns = geometry_columns(geometries)
+    rows = np.stack([columns[name] for name in GEOMETRY], axis=1)
+    known = store.find(rows)
+    if known is not None:
+        return known
+    if progress is not None:
+        progress()
+    distinct, place = np.unique(_rounded(rows), axis=0, return_inverse=True)
+    found = _compute(state, distinct, tolerance)
+    store.keep(found)
+    chosen = place.reshape(-1)
+    return InputUncertainty(
+        rows, found.variance[:, chosen], found.u_error[chosen], found.sources, found.inputs, found.notes
+    )
+
+
+def with_inputs(prediction: xr.Dataset, known: InputUncertainty) -> xr.Dataset:
+    """A prediction whose ``u_brf`` holds the uncertainty of its inputs too; ``u_brf_inputs`` is that alone."""
+    dataset = prediction.copy()
+    total = np.hypot(known.u, prediction["u_brf_monte_carlo"].values)
+    dataset["u_brf"] = ("point", total, dict(prediction["u_brf"].attrs))
+    dataset["u_brf_inputs"] = (
+        "point",
+        known.u,
+        {"units": "1", "long_name": "standard uncertainty (k=1) of brf from all inputs"},
+    )
+    dataset.attrs["u_brf_contains"] = known.contains
+    dataset.attrs["u_brf_notes"] = "; ".join(known.notes)
+    return dataset
+
+
+class UncertaintyStore:
+    """Files of uncertainties, named by the content of the inputs and of the geometries.
+
+    Parameters
+    ----------
+    state
+        Nominal inputs and their uncertainties.
+    folder
+        Of the cache; made when needed.
+    """
+
+    def __init__(self, state: StateVector, folder: Path, tolerance: float = TOLERANCE) -> None:
+        self._folder = folder / "input-uncertainty" / inputs_digest(state, tolerance)[:40]
+
+    def find(self, rows: FloatArray) -> InputUncertainty | None:
+        """What is known of all these geometries, shape (row, 5)."""
+        own = self._path(rows)
+        others = (path for path in sorted(self._folder.glob("*.npz")) if path != own)
+        for path in (own, *others):
+            kept = _load(path)
+            found = None if kept is None else kept.of(rows)
+            if found is not None:
+                return found
+        return None
+
+    def keep(self, result: InputUncertainty) -> None:
+        """Write a result for later; a cache that cannot be written costs the next computation, not this one."""
+        path = self._path(result.geometry)
+        named = {"sources": list(result.sources), "inputs": result.inputs, "notes": list(result.notes)}
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(path) as part, part.open("wb") as handle:
+                np.savez_compressed(
+                    handle,
+                    geometry=result.geometry,
+                    variance=result.variance,
+                    u_error=result.u_error,
+                    named=np.array(json.dumps(named)),
+                )
+        except OSError as error:
+            _LOG.warning("%s: cannot be kept: %s", path, error.strerror)
+
+    def _path(self, rows: FloatArray) -> Path:
+        distinct = np.unique(_rounded(rows), axis=0)
+        return self._folder / f"{content_digest(distinct)[:40]}.npz"
+
+
+class UncertainTwin:
+    """What a worker process asks for uncertainties (:meth:`twin.worker.PredictionWorker.uncertainty`)."""
+
+    def __init__(self, state: StateVector) -> None:
+        self._state = state
+
+    @classmethod
+    def from_files(cls, facility: Path, artifact: Path, material: Path) -> UncertainTwin:
+        """Read the twin's three files; an :class:`~instrument.errors.InputError` names what is wrong."""
+        return cls(state_vector_from_files(facility, artifact, material))
+
+    def uncertainty(self, geometries: Sequence[Geometry]) -> InputUncertainty:
+        """Of predictions for these geometries."""
+        return find_input_uncertainty(self._state, geometries)
+
+
+def inputs_digest(state: StateVector, tolerance: float) -> str:
+    """Tells apart all that changes the uncertainty of a geometry."""
+    blocks = [
+        (block.labels, block.source, block.unit, block.nominal, block.standard_uncertainty) for block in state.blocks
+    ]
+    parts = [_VERSION, tolerance, _SEED, state.facility, state.nominal_inputs, state.nominal_material]
+    return content_digest(*parts, state.coupon, blocks, state.notes)
+
+
+def _compute(state: StateVector, rows: FloatArray, tolerance: float) -> InputUncertainty:
+    columns = {name: rows[:, k].copy() for k, name in enumerate(GEOMETRY)}
+    result = by_sensitivities(PlanRenderer(state, columns, seed=_SEED), tolerance=tolerance, seed=_SEED)
+    variance = np.array([result.variance[source] for source in state.sources]).reshape(-1, len(rows))
+    error = np.where(np.isfinite(result.u_error), result.u_error, 1.0)
+    return InputUncertainty(rows, variance, error, state.sources, len(state), state.notes)
+
+
+def _load(path: Path) -> InputUncertainty | None:
+    """A kept result; None, and a word in the log, where the file is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            named = json.loads(str(data["named"]))
+            result = InputUncertainty(
+                data["geometry"],
+                data["variance"],
+                data["u_error"],
+                tuple(named["sources"]),
+                int(named["inputs"]),
+                tuple(named["notes"]),
+            )
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as problem:
+        _LOG.warning("%s: cannot be read (%s); it is computed again", path, problem)
+        return None
+    points = len(result.geometry)
+    if result.variance.shape != (len(result.sources), points) or result.u_error.shape != (points,):
+        _LOG.warning("%s: does not hold what it should; it is computed again", path)
+        return None
+    return result
+
+
+def _rounded(rows: FloatArray) -> NDArray[np.float64]:
+    return np.ascontiguousarray(np.round(np.nan_to_num(rows, nan=0.0), _DECIMALS) + 0.0)
