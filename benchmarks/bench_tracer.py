@@ -41,14 +41,16 @@ SIZES: dict[str, Json] = {
     "full": {
         "repeats": 3,
         "every": 1,
-        "efficiency": [1024, 4096],
+        "efficiency": [2048],
         "standard_error": 0.001,
-        "live": 60,
-        "convergence": [64, 128, 256, 512, 1024, 2048, 4096],
-        "convergence_every": 12,
-        "memory": [2**13, 2**15, 2**17],
+        "live": 40,
+        "change_every": 8,
+        "convergence": [32, 64, 128, 256, 512, 1024, 2048],
+        "convergence_every": 20,
+        "memory": [2**12, 2**14, 2**16],
+        "memory_every": 8,
         "peer_samples": 16384,
-        "peer_every": 1,
+        "peer_every": 6,
     },
     "small": {
         "repeats": 2,
@@ -56,6 +58,8 @@ SIZES: dict[str, Json] = {
         "efficiency": [64],
         "standard_error": 0.02,
         "live": 3,
+        "change_every": 39,
+        "memory_every": 39,
         "convergence": [16, 64],
         "convergence_every": 99,
         "memory": [512, 1024],
@@ -109,8 +113,10 @@ def twin_results(scratch: Path, size: Json, reference: str | None) -> Json:
     common = {"every": every, "standard_error": goal}
     results["plan"] = measure(scratch, "plan", common | {"repeats": size["repeats"]})
     results["live"] = measure(scratch, "live", {"points": size["live"], "standard_error": goal})
-    results["change"] = measure(scratch, "change", common)
-    results["memory"] = [measure(scratch, "memory", {"every": every, "samples": samples}) for samples in size["memory"]]
+    results["change"] = measure(scratch, "change", common | {"every": size["change_every"]})
+    results["memory"] = [
+        measure(scratch, "memory", {"every": size["memory_every"], "samples": samples}) for samples in size["memory"]
+    ]
     with empty_kernel_cache(scratch) as environment:
         results["start"] = {
             state: [measure(scratch, "start", common, environment) for _ in range(repeats)]
