@@ -60,6 +60,15 @@ class LightPaths:
         self._near, self._bound = dr.opaque(mi.Float, nearest), dr.opaque(mi.Float, 1 / nearest**2)
         self._x, self._y, self._far = (mi.Float(np.append(column, 0.0)) for column in (x, y, reach))
 
+    def move(self, plate: Plate, faces: FloatArray) -> None:
+        """Go on with another mesh of the same openings, a little elsewhere.
+
+        The openings' map and their neighbours stay: they say where light is looked for, not where it is.
+        """
+        if len(plate.radius) != self._openings or plate.half != self._half:
+            raise ValueError(f"openings: found {len(plate.radius)}; expected the {self._openings} of the plate so far")
+        self._normal_z = faces
+
     def follow(self, sensor: PlateLane, index: Any, seeds: Any) -> tuple[FloatArray, NDArray[np.uint32]]:
         """Follow one path a lane to its end.
 

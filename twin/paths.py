@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from twin.artifact import Surface, SurfaceMesh
 from twin.kernel_math import larger, smaller
+from twin.mesh_scene import MeshScene
 from twin.plate_sight import PlateLane
 from twin.reflection import TableLookup
 from twin.sequence import Points
@@ -67,10 +66,17 @@ class Share:
 class Paths:
     """Follows sight lines through a sample."""
 
-    def __init__(self, mi: Any, dr: Any, mesh: SurfaceMesh, lookup: TableLookup, points: Points) -> None:
+    def __init__(
+        self, mi: Any, dr: Any, mesh: SurfaceMesh, lookup: TableLookup, points: Points, *, quick: bool = False
+    ) -> None:
         self._mi, self._dr, self.lookup, self._points = mi, dr, lookup, points
-        self.scene = _scene(mi, mesh)
-        self._faces = _face_records(mi, mesh)
+        self._sample = MeshScene(mi, mesh, quick=quick)
+        self.scene, self._faces = self._sample.scene, self._sample.faces
+
+    def move(self, mesh: SurfaceMesh) -> None:
+        """Go on with another mesh."""
+        self._sample.move(mesh)
+        self.scene, self._faces = self._sample.scene, self._sample.faces
 
     def reflected_once(self, sensor: Lane, seeds: Any, share: Share) -> Any:
         """Sum over a lane's sight lines of the light that comes straight from the beam."""
@@ -198,25 +204,3 @@ class Paths:
         seen &= met.exposed | ~self.scene.ray_test(mi.Ray3f(met.place, light), active=seen & ~met.exposed)
         brdf = self.lookup.between(met.table, met.normal, met.towards, light, seen)
         return dr.select(seen, brdf * irradiance, 0.0)
-
-
-def _scene(mi: Any, mesh: SurfaceMesh) -> Any:
-    """The mesh as a scene, straight from the arrays."""
-    shape = mi.Mesh("sample", vertex_count=len(mesh.vertices), face_count=len(mesh.faces))
-    parameters = mi.traverse(shape)
-    parameters["vertex_positions"] = mi.Float(mesh.vertices.ravel())
-    parameters["faces"] = mi.UInt32(mesh.faces.ravel().astype(np.uint32))
-    parameters.update()
-    return mi.load_dict({"type": "scene", "sample": shape})
-
-
-def _face_records(mi: Any, mesh: SurfaceMesh) -> Any:
-    """Normal (three columns) and mark of every face: its label counted from 1, negative on top of the sample.
-
-    Columns apart, because a gather of four at once compiles differently with the alignment of the memory.
-    """
-    normals = mesh.normals()
-    height = mesh.corners()[:, :, 2].min(axis=1)
-    top = (normals[:, 2] > 1 - 1e-9) & (height > mesh.vertices[:, 2].max() - 1e-9)
-    label = np.where(top, -1.0, 1.0) * (mesh.labels.astype(float) + 1)
-    return [mi.Float(np.ascontiguousarray(column)) for column in (*normals.T, label)]

@@ -56,23 +56,26 @@ class SurfaceMesh:
         return self.vertices[self.faces]
 
     @cached_property
-    def _across(self) -> FloatArray:
-        """Normals times twice the area, shape (face, 3)."""
-        x, y, z = np.ascontiguousarray(self.vertices.T)[:, self.faces.T]  # (corner, face) each
-        (ux, vx), (uy, vy), (uz, vz) = ((c[1] - c[0], c[2] - c[0]) for c in (x, y, z))
-        return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
+    def double_areas(self) -> FloatArray:
+        """Outward normals times twice the area, mm2, shape (face, 3)."""
+        corner = [np.ascontiguousarray(column) for column in self.faces.T]
+        sides = []
+        for coordinate in self.vertices.T:
+            a, b, c = (np.take(coordinate, column) for column in corner)
+            sides.append((b - a, c - a))
+        (ux, vx), (uy, vy), (uz, vz) = sides
+        across = np.empty((3, len(self.faces)))  # columns in a row, as their users want them
+        across[0], across[1], across[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        return across.T
 
     def normals(self) -> FloatArray:
         """Outward unit normals, shape (face, 3)."""
-        return self._across / (2 * self.areas())[:, None]
+        return np.asarray((self.double_areas.T / (2 * self.areas())).T)
 
     def areas(self) -> FloatArray:
         """Areas of the faces in mm2, shape (face,)."""
-        return np.asarray(np.sqrt(np.einsum("fk,fk->f", self._across, self._across)) / 2)
-
-    def lowest(self) -> FloatArray:
-        """Height of the lowest corner of every face, shape (face,)."""
-        return np.asarray(self.vertices[:, 2][self.faces].min(axis=1))
+        x, y, z = self.double_areas.T
+        return np.asarray(np.sqrt(x * x + y * y + z * z) / 2)
 
     def volume(self) -> float:
         """Enclosed volume in mm3; negative if the normals point inwards."""

@@ -73,10 +73,17 @@ class Tracer:
         Tables of reflection.
     surface_factor
         Reflectance of each surface over the table's.
+    quick
+        Be ready sooner and trace slower: for few rays (:class:`~twin.mesh_scene.MeshScene`).
     """
 
     def __init__(
-        self, mesh: SurfaceMesh, material: Material, *, surface_factor: dict[Surface, float] | None = None
+        self,
+        mesh: SurfaceMesh,
+        material: Material,
+        *,
+        surface_factor: dict[Surface, float] | None = None,
+        quick: bool = False,
     ) -> None:
         self._mi = import_mitsuba()
         import drjit as dr
@@ -84,19 +91,35 @@ class Tracer:
         self._dr = dr
         self._points = Points(self._mi, dr)
         lookup = TableLookup(self._mi, dr, material, surface_factor)
-        self._paths = Paths(self._mi, dr, mesh, lookup, self._points)
-        corners = (mesh.vertices.min(axis=0) - 0.01, mesh.vertices.max(axis=0) + 0.01)
-        self._box = [self._mi.Point3f(*map(float, corner)) for corner in corners]
-        dr.make_opaque(self._box)
-        inner = mesh.labels != Surface.OUTSIDE
-        self._depth = float(max(0.0, -mesh.corners()[inner][..., 2].min()))
-        self._opening = mesh.opening
-        self._plate = mesh.plate
+        self._paths = Paths(self._mi, dr, mesh, lookup, self._points, quick=quick)
         self._picture: tuple[BeamImage | None, Picture | None] = None, None
         self._light: LightPaths | None = None
+        self._followed: dict[tuple[bytes, int, int, int], Places] = {}
+        self._measure(mesh)
         if mesh.plate is not None and len(mesh.plate.radius):
-            self._followed: dict[tuple[bytes, int, int, int], Places] = {}
             self._light = LightPaths(self._mi, dr, self._paths, self._points, mesh.plate, mesh.normals()[:, 2])
+
+    def move(self, mesh: SurfaceMesh) -> None:
+        """Go on with another mesh of the same kind of sample.
+
+        Cheap for a mesh of the same :class:`~twin.mould.Mould`.
+        """
+        if (mesh.plate is None or not len(mesh.plate.radius)) != (self._light is None):
+            raise ValueError("found another kind of sample; expected a plate with holes as before, or none as before")
+        self._paths.move(mesh)
+        self._measure(mesh)
+        self._followed.clear()
+        if self._light is not None and mesh.plate is not None:
+            self._light.move(mesh.plate, mesh.normals()[:, 2])
+
+    def _measure(self, mesh: SurfaceMesh) -> None:
+        corners = (mesh.vertices.min(axis=0) - 0.01, mesh.vertices.max(axis=0) + 0.01)
+        self._box = [self._mi.Point3f(*map(float, corner)) for corner in corners]
+        self._dr.make_opaque(self._box)
+        inner = mesh.faces[mesh.labels != Surface.OUTSIDE]
+        self._depth = float(max(0.0, -mesh.vertices[:, 2][inner].min()))
+        self._opening = mesh.opening
+        self._plate = mesh.plate
 
     def radiance(
         self,
