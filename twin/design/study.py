@@ -43,7 +43,7 @@ class Settings:
     wavelength: float = 500.0
     planes: int = 12
     standard_error: float = 0.01
-    samples: int = 64
+    samples: int = 32
     zenith_step: float = 10.0
     azimuth_step: float = 15.0
     seed: int = 1
