@@ -54,6 +54,14 @@ def gather(
 
 
 @njit(cache=True, nogil=True)
+def _widest(scene: Scene) -> float:
+    """Longest way across any section of any hole, mm; infinite where that takes more than a look."""
+    if scene.lidless or scene.radius.size == 0 or scene.profile.shape[0] > 0:
+        return np.inf
+    return 2.0 * scene.radius.max()
+
+
+@njit(cache=True, nogil=True)
 def _gather(
     scene: Scene,
     reflection: Reflection,
@@ -66,7 +74,10 @@ def _gather(
     seed: np.uint64,
 ) -> FloatArray:
     total = np.zeros(centres.shape[0])
-    along = kind.far_distance
+    along, squared = kind.far_distance, kind.extent * kind.extent
+    grained = reflection.grain[0] != 0.0 or reflection.grain[1] != 0.0
+    cylinders = scene.profile.shape[0] == 0
+    widest = _widest(scene)
     for i in range(values.shape[0]):
         row = values[i]
         x, y, z = row[0], row[1], row[2]
@@ -77,7 +88,8 @@ def _gather(
             turn = 2.0 * np.pi * _uniform(seed, i, 1)
             near, far = radius * np.cos(turn), radius * np.sin(turn)
         surface = surfaces[i]
-        flat = surface in (TOP, FLOOR, UNDERSIDE)
+        flat = grained and surface in (TOP, FLOOR, UNDERSIDE)
+        hole = holes[i]
         place = CAVITY
         if surface == TOP:
             place = OUTSIDE
@@ -96,15 +108,25 @@ def _gather(
                 length = 1.0
             if dx * nx + dy * ny + dz * nz <= 0.0:
                 continue
+            if dz <= 0.0:
+                continue
+            if place == BORE and cylinders:
+                ax, ay = x - z / dz * dx - scene.x[hole], y - z / dz * dy - scene.y[hole]
+                if ax * ax + ay * ay >= scene.radius[hole] ** 2:
+                    continue
+            elif place != OUTSIDE:
+                # Who crosses more of the plate than the widest hole is wide meets a wall: no need to look which.
+                if place == CAVITY and not scene.lidless and dx * dx + dy * dy > (widest * dz / scene.thickness) ** 2:
+                    continue
+                if not sees_out(scene, place, hole, x, y, z, dx, dy, dz):
+                    continue
             # Directions need no unit length before the last tests are passed.
             across = dx * f[3, 0] + dy * f[3, 1] + dz * f[3, 2]
             ahead = ((c[0] - x) * f[3, 0] + (c[1] - y) * f[3, 1] + (c[2] - z) * f[3, 2]) / across
             px, py, pz = x + ahead * dx - c[0], y + ahead * dy - c[1], z + ahead * dz - c[2]
             a = px * f[4, 0] + py * f[4, 1] + pz * f[4, 2]
             b = px * f[5, 0] + py * f[5, 1] + pz * f[5, 2]
-            if a * a + b * b > kind.extent * kind.extent:
-                continue
-            if not sees_out(scene, place, holes[i], x, y, z, dx, dy, dz):
+            if a * a + b * b > squared:
                 continue
             stretch = 1.0
             if length != 0.0:
