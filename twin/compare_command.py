@@ -31,6 +31,13 @@ def compare_command(
     ] = None,
     standard_error: Annotated[float, typer.Option(help="Relative Monte Carlo error to reach.")] = 0.001,
     seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
+    uncertainty: Annotated[
+        bool,
+        typer.Option(
+            help="Propagate the uncertainty of every input into a prediction computed here; what is found is kept"
+            " for the next time."
+        ),
+    ] = True,
 ) -> None:
     """Compare a measured run with a prediction, point by point and by azimuth plane.
 
@@ -40,7 +47,7 @@ def compare_command(
     _check_outputs(json, figures, standard_error)
     inputs = {"artifact": artifact, "material": material, "facility": facility}
     run_file, prediction, inputs = _resolve(run, prediction, inputs)
-    _compare(run_file, prediction, inputs, json, figures, standard_error, seed)
+    _compare(run_file, prediction, inputs, json, figures, standard_error, seed, uncertainty)
 
 
 def _check_outputs(json: Path | None, figures: Path | None, standard_error: float) -> None:
@@ -79,14 +86,14 @@ def _resolve(
     if prediction is not None:
         return run, prediction, {}
     if folder is not None:
-        inputs = {name: path or _kept(folder, name) for name, path in inputs.items()}
+        inputs = {name: path or kept_input(folder, name) for name, path in inputs.items()}
     missing = [f"--{name}" for name, path in inputs.items() if path is None]
     if missing:
         raise InputError(f"{', '.join(missing)} missing; name a prediction file, or what the twin needs to make one")
     return run, None, inputs
 
 
-def _kept(folder: Path, name: str) -> Path | None:
+def kept_input(folder: Path, name: str) -> Path | None:
     """The copy of an input that a scan left in its run folder."""
     found = sorted(path for path in folder.glob(f"{name}.*") if path.suffix in (".toml", ".nc"))
     return found[0] if found else None
@@ -100,6 +107,7 @@ def _compare(
     figures: Path | None,
     standard_error: float,
     seed: int,
+    uncertainty: bool,
 ) -> None:
     from rich.console import Console
 
@@ -109,7 +117,7 @@ def _compare(
     from twin.tables import comparison_tables
 
     run = read_run(run_file)
-    predicted = _read(prediction_file) if prediction_file else _predict(run, inputs, standard_error, seed)
+    predicted = _read(prediction_file) if prediction_file else _predict(run, inputs, standard_error, seed, uncertainty)
     comparison = compare(run, predicted)
     console = Console()
     for table in comparison_tables(comparison):
@@ -143,8 +151,12 @@ def _read(file: Path) -> xr.Dataset:
     return prediction
 
 
-def _predict(run: xr.Dataset, inputs: dict[str, Path | None], standard_error: float, seed: int) -> xr.Dataset:
+def _predict(
+    run: xr.Dataset, inputs: dict[str, Path | None], standard_error: float, seed: int, uncertainty: bool
+) -> xr.Dataset:
+    from twin.input_uncertainty import find_input_uncertainty, with_inputs
     from twin.prediction import Twin
+    from twin.state_vector import state_vector_from_files
 
     facility, artifact, material = (inputs[name] for name in ("facility", "artifact", "material"))
     assert facility is not None
@@ -152,4 +164,13 @@ def _predict(run: xr.Dataset, inputs: dict[str, Path | None], standard_error: fl
     assert material is not None
     twin = Twin.from_files(facility, artifact, material, seed=seed)
     typer.echo(f"predicting {run.sizes['point']} points by ray tracing", err=True)
-    return twin.predict(run, standard_error=standard_error)
+    prediction = twin.predict(run, standard_error=standard_error)
+    if not uncertainty:
+        return prediction
+    state = state_vector_from_files(facility, artifact, material)
+
+    def announce() -> None:
+        text = f"propagating {len(state)} uncertain inputs, once for these points (--no-uncertainty leaves it out)"
+        typer.echo(text, err=True)
+
+    return with_inputs(prediction, find_input_uncertainty(state, run, begin=announce))

@@ -93,7 +93,7 @@ def find_input_uncertainty(
     *,
     folder: Path | None = None,
     tolerance: float = TOLERANCE,
-    progress: Callable[[], None] | None = None,
+    begin: Callable[[], None] | None = None,
 ) -> InputUncertainty:
     """What the inputs add to the uncertainty of predictions, from the cache or by sensitivities.
 
@@ -107,8 +107,8 @@ def find_input_uncertainty(
         Where results are kept; None for the user's cache folder.
     tolerance
         Relative standard error of the uncertainty to reach at the median point.
-    progress
-        Called before a computation, which takes its time, begins.
+    begin
+        Called before a computation, which takes its time.
     """
     store = UncertaintyStore(state, cache_folder() if folder is None else folder, tolerance)
     columns = geometry_columns(geometries)
@@ -116,8 +116,8 @@ def find_input_uncertainty(
     known = store.find(rows)
     if known is not None:
         return known
-    if progress is not None:
-        progress()
+    if begin is not None:
+        begin()
     distinct, place = np.unique(_rounded(rows), axis=0, return_inverse=True)
     found = _compute(state, distinct, tolerance)
     store.keep(found)
