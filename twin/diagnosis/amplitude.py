@@ -246,4 +246,3 @@ def log_sum(values: FloatArray, axis: int | None = None) -> FloatArray:
     from scipy.special import logsumexp
 
     return np.asarray(logsumexp(values, axis=axis)) if values.size else np.array(-np.inf)
-

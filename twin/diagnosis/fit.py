@@ -129,9 +129,7 @@ class Refined:
     size: float
 
 
-def refine(
-    components: Sequence[Component], start: FloatArray, residual: FloatArray, member: Normal
-) -> Refined | None:
+def refine(components: Sequence[Component], start: FloatArray, residual: FloatArray, member: Normal) -> Refined | None:
     """Refit non-linearly from a start (Levenberg and Marquardt) and weigh with Laplace's approximation.
 
     Parameters
@@ -176,11 +174,22 @@ def refine(
         return None
     log_density = member.log_norm - 0.5 * cost
     evidence = log_density + log_prior + 0.5 * len(value) * np.log(2 * np.pi) - 0.5 * log_det
-    return Refined(np.asarray(value, dtype=float), covariance, float(evidence), float(log_density), float(np.sqrt(_squared(member.white(table)))))
+    return Refined(
+        np.asarray(value, dtype=float),
+        covariance,
+        float(evidence),
+        float(log_density),
+        float(np.sqrt(_squared(member.white(table)))),
+    )
 
 
 def fit_pair(
-    first: Component, second: Component, start: FloatArray, residual: FloatArray, members: Sequence[Normal], chosen: Sequence[int]
+    first: Component,
+    second: Component,
+    start: FloatArray,
+    residual: FloatArray,
+    members: Sequence[Normal],
+    chosen: Sequence[int],
 ) -> Fit | None:
     """Two effects together, under the chosen structures."""
     pair = [first, second]

@@ -197,9 +197,7 @@ def unknown(
     share = np.log(PRIOR["unknown"] * 0.4 / max(1, library))
     for fit, values in zip(best, log_values[1:], strict=True):
         # What the parameters cost in evidence is nearly what they cost without the unknown part.
-        occam = fit.log_evidence - marginal(
-            np.array([m.log_density(residual - fit.table) for m in members]), members
-        )
+        occam = fit.log_evidence - marginal(np.array([m.log_density(residual - fit.table) for m in members]), members)
         evidence = float(log_sum(np.array(values) + weight)) + min(occam, 0.0)
         found.append(Hypothesis(fit.names, True, share, evidence, fit))
     return found
