@@ -83,7 +83,7 @@ def correlations(run: Observation) -> list[tuple[str, float, FloatArray]]:
         *((f"wander over {length:g} degrees", 0.3 / len(LENGTHS), matrix) for length, matrix in slow.items()),
         ("half a slice, half wander", 0.06, 0.5 * same + 0.5 * slow[25.0]),
         ("half a slice, half independent", 0.04, 0.5 * same + 0.5 * np.eye(count)),
-        ("smooth over directions", 0.05, _over_directions(run, 25.0)),
+        ("smooth over directions", 0.05, over_directions(run, 25.0)),
         ("one factor an illumination", 0.03, (run.illumination[:, None] == run.illumination[None, :]).astype(float)),
         ("slow in time", 0.04, _bell(run.progress, 0.1)),
     ]
@@ -98,7 +98,7 @@ def _bell(place: FloatArray, length: float) -> FloatArray:
     return np.asarray(np.exp(-0.5 * ((place[:, None] - place[None, :]) / length) ** 2))
 
 
-def _over_directions(run: Observation, length_deg: float) -> FloatArray:
+def over_directions(run: Observation, length_deg: float) -> FloatArray:
     """Smooth over sensor directions and illumination zenith."""
     columns = run.columns
     view = direction(columns["sensor_zenith"], columns["sensor_azimuth"])
@@ -116,10 +116,10 @@ def smooth_gap(run: Observation) -> list[tuple[str, FloatArray]]:
     along = _bell(zenith, 20.0)
     steps = 1.0 - np.abs(progress[:, None] - progress[None, :])
     return [
-        ("smooth over directions, 20 degrees", _over_directions(run, 20.0)),
-        ("smooth over directions, 45 degrees", _over_directions(run, 45.0)),
+        ("smooth over directions, 20 degrees", over_directions(run, 20.0)),
+        ("smooth over directions, 45 degrees", over_directions(run, 45.0)),
         ("the same in every plane", along),
         ("the same in the planes of an illumination", along * same_light),
         ("a sequence of steps in time", steps),
-        ("local, 8 degrees", _over_directions(run, 8.0)),
+        ("local, 8 degrees", over_directions(run, 8.0)),
     ]

@@ -1,8 +1,8 @@
 """What the budget allows: every input of the prediction and the measurement that may be a little off in a sound run.
 
 Each is a column, the relative change of the reading by one standard uncertainty, with the shape that physics gives it.
-How large it is, the budget of the run says: a row of it bounds the effects it stands for, because an angle that is
-off by all of its readout's uncertainty changes grazing readings by more than the row of the budget.
+How large it is, the inputs say. Zenith angles and tilts are bounded by their rows of the run's budget: an angle that
+is off by all of its readout's uncertainty changes grazing readings by several times that row.
 """
 
 from __future__ import annotations
@@ -55,17 +55,26 @@ class Bounded(Protocol):
 
 #: Rows of the budget (components of a run file) and the effects they stand for.
 ROWS = {
-    "placement": ("sample_tilt", "sample_offset", "sample_azimuth"),
-    "surface_level": ("sample_height",),
+    "placement": ("sample_tilt",),
     "sensor_zenith": ("sensor_zenith_offset",),
     "illumination_zenith": ("illumination_zenith_offset",),
-    "sensor_azimuth": ("sensor_azimuth_offset",),
     "linearity": ("detector_nonlinearity",),
     "straylight": ("stray_light",),
     "polarization": ("polarization",),
 }
 #: Effects whose uncertainty the inputs of the prediction state.
-STATED = ("plate_thickness", "cavity_depth", "beam_divergence", "beam_radius", "field_of_view")
+STATED = (
+    "sample_offset",
+    "sample_height",
+    "sample_azimuth",
+    "sensor_azimuth_offset",
+    "plate_thickness",
+    "cavity_depth",
+    "hole_diameter",
+    "beam_divergence",
+    "beam_radius",
+    "field_of_view",
+)
 #: Rows that scale every reading alike.
 SCALE = ("reference", "wavelength")
 #: Relative uncertainty of the scale where a run says nothing of it.

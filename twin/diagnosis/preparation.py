@@ -19,6 +19,7 @@ from instrument.angles import FloatArray
 from instrument.artifact import read_artifact
 from instrument.facility import read_facility
 from twin.diagnosis.acquisition import acquisition_of
+from twin.diagnosis.covariance import over_directions
 from twin.diagnosis.nuisance import budget_columns
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.problem import Problem
@@ -33,6 +34,8 @@ from twin.state_vector import StateVector, coupon_of, state_vector
 STANDARD_ERROR = 0.001
 #: Components of the inputs' covariance that are kept; the rest counts as independent.
 _COMPONENTS = 40
+#: Relative standard deviation of what interpolation between the coupon's geometries leaves, and over how many degrees.
+MODEL_ERROR, MODEL_LENGTH = 0.002, 20.0
 #: Raised whenever the same inputs would give other numbers.
 VERSION = 1
 Told = Callable[[str, float], None]
@@ -90,7 +93,7 @@ class Bench:
         found = responses(acquisition_of(run, self.facility), nominal, self.store, progress=step)
         columns = budget_columns(found.found, run)
         factor, rest = low_rank(covariance)
-        budget = np.concatenate([np.stack(list(columns.values()), axis=1), factor], axis=1)
+        budget = np.concatenate([np.stack(list(columns.values()), axis=1), factor, model_error(run)], axis=1)
         u_own = np.sqrt(u_nominal**2 + rest)
         problem = Problem.of(run, nominal, u_own, budget, list(found.found.values()))
         return Prepared(problem, found, columns)
@@ -146,6 +149,12 @@ def unplaced(state: StateVector) -> StateVector:
 
 def _of_material(name: str) -> bool:
     return name.startswith("material")
+
+
+def model_error(run: Observation) -> FloatArray:
+    """What the twin's reflection model leaves, smooth over directions: columns, shape (point, column)."""
+    smooth = over_directions(run, MODEL_LENGTH)
+    return low_rank(MODEL_ERROR**2 * smooth)[0]
 
 
 def low_rank(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
