@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from instrument.angles import FloatArray
 
 #: Severities between which the prior is flat in the logarithm; beyond, it falls as a power.
-LOWEST, HIGHEST = 0.35, 6.0
-_FALL = 3.0
+LOWEST, HIGHEST = 0.5, 6.0
+_FALL = 4.0
 #: Radii along a direction, and directions of two or more parameters.
 _RADII, _DIRECTIONS = 36, 24
 #: Values of a parameter of shape, evenly from cap to cap.

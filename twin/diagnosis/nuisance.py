@@ -28,6 +28,10 @@ class Derivative(Protocol):
         """Of the logarithm of the reading, shape (parameter, point)."""
         ...
 
+    def log_ratio(self, values: FloatArray) -> FloatArray:
+        """Logarithm of the reading with the effect over that without, shape (value, point)."""
+        ...
+
 
 class Bounded(Protocol):
     """A parameter."""
@@ -35,6 +39,16 @@ class Bounded(Protocol):
     @property
     def name(self) -> str:
         """As in the data contract."""
+        ...
+
+    @property
+    def nominal(self) -> float:
+        """Value that means no effect."""
+        ...
+
+    @property
+    def cap(self) -> tuple[float, float]:
+        """Lowest and highest possible value."""
         ...
 
     @property
@@ -106,14 +120,28 @@ def _row_size(run: Observation, row: str) -> float:
 
 
 def _limited(name: str, effect: Derivative, size: float) -> dict[str, FloatArray]:
-    """Columns of an effect's parameters: as uncertain as stated, but no larger than the row of the budget."""
-    columns = {}
-    for parameter, slope in zip(effect.parameters, effect.derivative(), strict=True):
+    """Columns of an effect's parameters: as uncertain as stated, but no larger than the row of the budget.
+
+    With differences a and b of the logarithm at sqrt(3) standard uncertainties up and down, (a - b)/(2 sqrt 3) is the
+    linear and (a + b) sqrt(2)/6 the quadratic effect of a standard normal variable; the two are uncorrelated.
+    """
+    columns: dict[str, FloatArray] = {}
+    nominal = np.array([parameter.nominal for parameter in effect.parameters])
+    for number, (parameter, slope) in enumerate(zip(effect.parameters, effect.derivative(), strict=True)):
         if parameter.shape:
             continue
         stated = parameter.budget if parameter.budget > 0 else np.inf
         spread = float(np.sqrt(np.mean(slope**2)))
         sigma = min(stated, size / spread if spread > 0 else np.inf)
-        if np.isfinite(sigma) and sigma > 0:
-            columns[f"{name} {parameter.name}"] = slope * sigma
+        if not (np.isfinite(sigma) and sigma > 0):
+            continue
+        label = f"{name} {parameter.name}"
+        columns[label] = slope * sigma
+        step = np.sqrt(3.0) * sigma
+        if parameter.cap[0] < parameter.nominal - step and parameter.nominal + step < parameter.cap[1]:
+            values = np.tile(nominal, (2, 1))
+            values[:, number] += [step, -step]
+            up, down = effect.log_ratio(values)
+            columns[label] = (up - down) / (2 * np.sqrt(3.0))
+            columns[f"{label}, quadratic"] = (up + down) * np.sqrt(2.0) / 6
     return columns
