@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -52,35 +53,33 @@ class Decision:
 
 def decide(posterior: Posterior) -> Decision:
     """Fold the explanations into classes and say what can be said."""
-    ranking = ranked(posterior)
     leading = _leading(posterior)
-    named = _named(leading, posterior)
-    best = named[0].probability if named else 0.0
+    slots = sorted(_named(leading, posterior), key=lambda n: -n.probability)
+    best = slots[0].probability if slots else 0.0
+    # A second effect is named only where it is more probable than not.
+    named = tuple(n for n in slots if n is slots[0] or n.probability >= _SURE)
     verdict: Verdict
     if posterior.none >= max(_SURE, best) or (posterior.none > best and posterior.none > posterior.unknown):
-        verdict, named = "none", ()
+        verdict = "none"
     elif posterior.unknown >= max(_SURE, best):
-        verdict, named = "unknown", ()
-    elif named and best >= _SURE and all(len(n.members) <= LARGEST_CLASS for n in named):
+        verdict = "unknown"
+    elif named and best >= _SURE and len(named[0].members) <= LARGEST_CLASS:
         verdict = "effects"
+        named = tuple(n for n in named if len(n.members) <= LARGEST_CLASS)
     else:
         verdict = "undecided"
-    return Decision(verdict, named, ranking, leading)
+    return Decision(verdict, named if verdict == "effects" else (), ranked(posterior, slots), leading)
 
 
-def ranked(posterior: Posterior) -> tuple[Named, ...]:
-    """Every effect with its class, the most probable first; of effects in one class the first stands for all."""
-    found: list[Named] = []
-    seen: set[str] = set()
-    for name, _ in posterior.ranking():
-        if name in seen:
-            continue
-        best = next(h for h in posterior.hypotheses if name in h.names and not h.unknown)
-        slot = best.names.index(name)
-        entry = _slot(best, slot, posterior)
-        if entry.effect not in seen:
-            found.append(entry)
-        seen |= set(entry.members)
+def ranked(posterior: Posterior, leading: Sequence[Named]) -> tuple[Named, ...]:
+    """Classes of the leading explanation, and every other effect alone, the most probable first."""
+    found = list(leading)
+    seen = {member for named in leading for member in named.members}
+    for name, probability in posterior.ranking():
+        if name not in seen:
+            best = next(h for h in posterior.hypotheses if name in h.names and not h.unknown)
+            values, u = _values(best, best.names.index(name))
+            found.append(Named(name, (name,), probability, values, u))
     return tuple(sorted(found, key=lambda n: -n.probability))
 
 
@@ -109,9 +108,14 @@ def _slot(leading: Hypothesis, slot: int, posterior: Posterior) -> Named:
         for h, p in zip(posterior.hypotheses, posterior.probability, strict=True)
         if not h.unknown and set(h.names) & set(members)
     )
-    fit = leading.fit
+    values, u = _values(leading, slot)
+    return Named(leading.names[slot], tuple(members), float(probability), values, u)
+
+
+def _values(hypothesis: Hypothesis, slot: int) -> tuple[FloatArray, FloatArray]:
+    """Parameters of one effect of an explanation, and their standard uncertainties."""
+    fit = hypothesis.fit
     assert fit is not None
     start = int(np.sum(fit.sizes[:slot]))
     place = slice(start, start + fit.sizes[slot])
-    u = np.sqrt(np.maximum(np.diag(fit.covariance)[place], 0.0))
-    return Named(leading.names[slot], tuple(members), float(probability), fit.values[place], u)
+    return fit.values[place], np.sqrt(np.maximum(np.diag(fit.covariance)[place], 0.0))
