@@ -79,6 +79,9 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
 HOLES = "hole,x_mm,y_mm,diameter_mm,u_x_mm,u_y_mm,u_diameter_mm\n0,0,0,2.5,0.01,0.01,0.02\n1,3.6,0,2.5,,,\n"
 
 
+CHAMFERS = "hole,x_mm,y_mm,diameter_mm,chamfer_mm,u_chamfer_mm\nleft,0,0,2.5,0.2,0.01\nright,3.6,0,2.5,,\n"
+
+
 def artifact(tmp_path: Path, holes: str = HOLES, text: str = 'holes = "holes.csv"\n') -> Path:
     (tmp_path / "holes.csv").write_text(holes)
     (tmp_path / "artifact.toml").write_text(text)
@@ -97,6 +100,27 @@ def test_a_flat_sample_has_no_holes(tmp_path: Path) -> None:
     assert len(read_artifact(artifact(tmp_path, text="block_thickness = 5.0\n")).holes) == 0
 
 
+def test_a_hole_without_a_chamfer_of_its_own_has_the_artifacts(tmp_path: Path) -> None:
+    text = 'holes = "holes.csv"\nedge_chamfer = 0.05\nu_edge_chamfer = 0.02\n'
+    found = read_artifact(artifact(tmp_path, CHAMFERS, text))
+    assert found.chamfers.tolist() == [0.2, 0.05]
+    assert found.u_chamfers.tolist() == [0.01, 0.02]
+    assert read_artifact(artifact(tmp_path, HOLES, text)).chamfers.tolist() == [0.05, 0.05]
+
+
+def test_changed_dimensions_are_checked(tmp_path: Path) -> None:
+    known = read_artifact(artifact(tmp_path))
+    wider = known.changed(hole_diameter=0.1, plate_thickness=0.2, cavity_depth=-0.3, edge_chamfer=0.1)
+    assert wider.holes.diameter.tolist() == pytest.approx([2.6, 2.6])
+    assert (wider.form.plate_thickness, wider.form.cavity_depth) == pytest.approx((1.2, 2.7))
+    assert wider.chamfers.tolist() == pytest.approx([0.1, 0.1])
+    assert known.form.plate_thickness == 1.0
+    with pytest.raises(InputError, match=r"edge_chamfer: found -0\.1"):
+        known.changed(edge_chamfer=-0.1)
+    with pytest.raises(InputError, match="holes 0 and 1 overlap"):
+        known.changed(hole_diameter=1.2)
+
+
 @pytest.mark.parametrize(
     ("holes", "text", "expected"),
     [
@@ -111,6 +135,17 @@ def test_a_flat_sample_has_no_holes(tmp_path: Path) -> None:
         (HOLES, 'holes = "holes.csv"\nplate_thickness = 4.0\n', "cavity_depth"),
         (HOLES, 'mesh = "none.ply"\n', "mesh"),
         (HOLES, "plate_thicknes = 1.0\n", "plate_thicknes: unknown key"),
+        (HOLES, 'holes = "holes.csv"\nplate_thickness = -1.0\n', "plate_thickness: found -1.0"),
+        (HOLES, 'holes = "holes.csv"\nspacer_edge = -4.0\n', "spacer_edge: found -4.0"),
+        (HOLES, 'holes = "holes.csv"\nspacer_edge = 25.0\n', "spacer_edge: found 25 mm; expected less than half"),
+        (HOLES, 'holes = "holes.csv"\nedge_chamfer = 1.0\n', "edge_chamfer: found 1 mm; expected from 0 to less"),
+        (HOLES, 'holes = "holes.csv"\nedge_chamfer = 0.6\n', "the chamfers of holes 0 and 1 overlap by 0.100 mm"),
+        (HOLES, 'holes = "holes.csv"\nblock_tilt_x = 6.0\n', "block_tilt_x, block_tilt_y: found 6 and 0 degrees"),
+        (HOLES, 'holes = "holes.csv"\nblock_tilt_y = 90.0\n', "block_tilt_y: found 90.0"),
+        (HOLES.replace("1,3.6", "0,3.6"), None, "line 3: hole: found '0' again, as on line 2"),
+        (CHAMFERS.replace("0.2,0.01", "-0.2,0.01"), None, "line 2: chamfer_mm: found '-0.2'"),
+        (CHAMFERS.replace("0.2,0.01", "1.2,0.01"), None, "hole left: chamfer_mm: found 1.2 mm"),
+        (CHAMFERS.replace("0,0,2.5", "24,0,1.8"), None, "the chamfer of hole left at (24, 0) mm leaves the plate"),
     ],
 )
 def test_a_wrong_artifact_is_named(holes: str, text: str | None, expected: str, tmp_path: Path) -> None:

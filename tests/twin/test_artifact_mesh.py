@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import manifold3d
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from traced_samples import artifact, flat, shared_file
 
 from instrument.artifact import read_artifact
@@ -15,6 +17,7 @@ from twin import cells
 from twin.artifact import Surface, SurfaceMesh, build_mesh, square_pit
 from twin.mesh_export import write_mesh
 from twin.mesh_files import read_mesh
+from twin.plate_mesh import rims_of
 
 
 def solid_volume(holes: list[tuple[float, float, float]], plate: float, depth: float, spacer: float) -> float:
@@ -108,6 +111,77 @@ def test_without_a_spacer_the_cavity_is_open_at_the_sides() -> None:
     assert_closed(mesh)
     assert not np.any(mesh.labels == Surface.SPACER)
     assert mesh.volume() == pytest.approx(2500 * (1.13 + 5.0) - np.pi * 9 / 4 * 1.13)
+
+
+def test_an_open_cavity_is_closed_where_cells_of_holes_meet_the_edge() -> None:
+    holes = [(0.0, 0.0, 3.0), (5.0, 0.0, 2.0), (-7.0, 9.0, 4.0)]
+    mesh = build_mesh(artifact(holes, spacer=0.0))
+    assert_closed(mesh)
+    removed = 1.13 * sum(np.pi * d**2 / 4 for _, _, d in holes)
+    assert mesh.volume() == pytest.approx(2500 * (1.13 + 5.0) - removed)
+
+
+def test_the_polygon_over_the_spacer_has_corners_on_its_edge_and_the_area_of_the_circle() -> None:
+    rims = rims_of(artifact([(0.0, 1.0, 3.0), (20.3, 3.0, 1.9), (-20.6, 20.4, 1.6)]), 40)
+    assert rims is not None
+    polygons = rims.polygons()
+    x, y = np.moveaxis(polygons, -1, 0)
+    area = 0.5 * np.sum(x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y, axis=1)
+    np.testing.assert_allclose(area, np.pi * rims.radius**2, rtol=1e-12)
+    on_edge = np.sum(np.abs(polygons) == 21.0, axis=(1, 2))
+    assert on_edge.tolist() == [0, 2, 4]
+    distance = np.linalg.norm(polygons - rims.centre[:, None], axis=2)
+    np.testing.assert_allclose(distance, rims.corner_radius(rims.radius)[:, None] * np.ones(40), rtol=1e-6)
+
+
+CHAMFERED = [(0.0, 0.0, 3.0), (6.0, 1.0, 2.0), (20.3, 3.0, 1.9)]
+
+
+def test_a_chamfer_takes_a_ring_of_45_degrees_from_every_hole() -> None:
+    width, sides = 0.2, 200
+    mesh = build_mesh(artifact(CHAMFERED).changed(edge_chamfer=width), sides)
+    assert_closed(mesh)
+    radius = np.array([d for _, _, d in CHAMFERED]) / 2
+    ring = np.pi * (width**2 * radius + width**3 / 3)  # Pappus: a triangle about the axis
+    assert mesh.volume() == pytest.approx(solid_volume(CHAMFERED, 1.13, 3.26, 4.0) - ring.sum(), rel=1e-12)
+    area, normals = mesh.areas(), mesh.normals()
+    top = area[mesh.labels == Surface.PLATE_TOP].sum()
+    assert top == pytest.approx(2500 - np.pi * np.sum((radius + width) ** 2))
+    wall = mesh.labels == Surface.HOLE_WALL
+    cone = wall & (normals[:, 2] > 0.1)
+    assert area[cone].sum() == pytest.approx(np.sum(np.pi * (2 * radius + width) * width * np.sqrt(2)), rel=3e-4)
+    assert area[wall & ~cone].sum() == pytest.approx(np.sum(2 * np.pi * radius * (1.13 - width)), rel=3e-4)
+    np.testing.assert_allclose(normals[cone, 2], np.sqrt(0.5), rtol=1e-3)
+    assert mesh.plate is not None
+    assert np.all(mesh.plate.radius >= radius + width)
+
+
+def test_a_hole_may_have_a_chamfer_of_its_own() -> None:
+    plain = artifact(CHAMFERED)
+    own = np.array([0.3, 0.0, np.nan])
+    dimensions = replace(plain, holes=replace(plain.holes, chamfer=own)).changed(edge_chamfer=0.1)
+    np.testing.assert_allclose(dimensions.chamfers, [0.4, 0.1, 0.1])
+    mixed = replace(plain, holes=replace(plain.holes, chamfer=np.array([0.3, 0.0, 0.1])))
+    mesh = build_mesh(mixed)
+    assert_closed(mesh)
+    removed = sum(np.pi * (c**2 * d / 2 + c**3 / 3) for (_, _, d), c in zip(CHAMFERED, (0.3, 0.0, 0.1), strict=True))
+    assert mesh.volume() == pytest.approx(solid_volume(CHAMFERED, 1.13, 3.26, 4.0) - removed, rel=1e-12)
+
+
+@pytest.mark.parametrize("spacer", [4.0, 0.0])
+def test_a_tilted_block_has_a_tilted_floor(spacer: float) -> None:
+    level = artifact(CHAMFERED[:2], spacer=spacer)
+    mesh = build_mesh(level.changed(block_tilt_x=1.0, block_tilt_y=-2.0))
+    assert_closed(mesh)
+    assert mesh.volume() == pytest.approx(build_mesh(level).volume(), rel=1e-12)
+    floor = mesh.labels == Surface.FLOOR
+    # The normal turned right-handed about x by 1 degree leans towards -y; about y by -2 degrees towards -x.
+    expected = Rotation.from_rotvec(np.deg2rad([1.0, -2.0, 0.0])).apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(mesh.normals()[floor], np.broadcast_to(expected, (int(floor.sum()), 3)), atol=1e-12)
+    inside = (50.0 - 2 * spacer) ** 2
+    assert mesh.areas()[floor].sum() == pytest.approx(inside / expected[2], rel=1e-12)
+    centre = mesh.corners()[floor].mean(axis=1)
+    assert np.average(centre[:, 2], weights=mesh.areas()[floor]) == pytest.approx(-3.26)
 
 
 def test_a_sample_without_holes_is_a_slab() -> None:
