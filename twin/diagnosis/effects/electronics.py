@@ -42,16 +42,21 @@ class DarkOffset(ReadingEffect):
 
 
 class DetectorNonlinearity(ReadingEffect):
-    """Response 1 + fraction (s - 1), s the signal over the reference reading."""
+    """Response 1 + fraction (s^q - 1)/q, s the signal over the reference reading; q = 1 unless the run says more."""
 
     name = "detector_nonlinearity"
     title = "detector not linear"
-    parameters = (Parameter("fraction", "1", 0.02, (-0.4, 0.4)),)
+    parameters = (
+        Parameter("fraction", "1", 0.02, (-0.4, 0.4)),
+        Parameter("power", "1", 0.5, (0.5, 2.0), nominal=1.0, shape=True),
+    )
     confused_with = ("stray_light", "dark_offset", "gain_step", "sample_height", "arm_sag")
     separated_by = "the same scan with a quarter of the light"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        return np.asarray(brf * (1 + values * (brf * run.signal_per_brf - 1)))
+        fraction, power = values[..., :1], values[..., 1:]
+        signal = np.maximum(brf * run.signal_per_brf, 0.0)
+        return np.asarray(brf * (1 + fraction * (signal**power - 1) / power))
 
 
 class GainStep(ReadingEffect):

@@ -12,19 +12,32 @@ from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect
 
 
+#: Curvatures below it are told from zero by no reading.
+_STRAIGHT = 1e-6
+
+
 class SourceDrift(ReadingEffect):
-    """Relative change of the source's power from the first to the last point, linear in time."""
+    """Relative change of the source's power from the first to the last point: steady, settling or setting in.
+
+    With the progress p of the run from 0 to 1 the power changes as (1 - exp(-c p))/(1 - exp(-c)), linearly for c = 0:
+    what a source does that warms up, or that fails.
+    """
 
     name = "source_drift"
     title = "source drifts during the scan"
-    parameters = (Parameter("fraction", "1", 0.02, (-0.3, 0.3)),)
+    parameters = (
+        Parameter("fraction", "1", 0.02, (-0.3, 0.3)),
+        Parameter("curvature", "1", 1.0, (-4.0, 4.0), shape=True),
+    )
     needs = ("progress",)
     confused_with = ("session_scale",)
     separated_by = "the reference read again after the scan, or slices in another order"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
         assert run.progress is not None
-        return np.asarray(brf * (1 + values * run.progress))
+        fraction, curvature = values[..., :1], values[..., 1:]
+        bent = np.where(np.abs(curvature) < _STRAIGHT, _STRAIGHT, curvature)
+        return np.asarray(brf * (1 + fraction * np.expm1(-bent * run.progress) / np.expm1(-bent)))
 
 
 class SessionScale(ReadingEffect):
