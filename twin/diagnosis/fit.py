@@ -16,6 +16,8 @@ from twin.diagnosis.likelihood import Compressed, Normal
 #: Whitened size of a gap above which the posterior is narrower than the nodes lie apart, by number of parameters.
 _NARROW = {1: 8.0}
 _NARROW_MANY = 3.5
+#: Two gaps whose whitened cosine is larger are one to this run.
+_COLLINEAR = 0.9
 _STEPS, _ENOUGH = 12, 1e-3
 #: Structures whose logarithmic evidence lies this much below the best add nothing.
 _NEGLIGIBLE = 9.0
@@ -165,11 +167,13 @@ def refine(components: Sequence[Component], start: FloatArray, residual: FloatAr
                 break
     jacobian = member.white(slope)
     normal = jacobian @ jacobian.T
-    covariance = np.asarray(linalg.pinvh(normal), dtype=float)
+    # The slab is about as wide as the amplitude itself: what the run leaves open, the prior bounds.
+    bounded = normal + np.diag(_prior_precision(value, components))
+    covariance = np.asarray(linalg.inv(bounded), dtype=float)
     log_prior = sum(
         c.prior.log_density(v, c.row(v)) for c, v in zip(components, _split(value, components), strict=True)
     )
-    sign, log_det = np.linalg.slogdet(normal)
+    sign, log_det = np.linalg.slogdet(bounded)
     if not np.isfinite(log_prior) or sign <= 0:
         return None
     log_density = member.log_norm - 0.5 * cost
@@ -191,7 +195,7 @@ def fit_pair(
     members: Sequence[Normal],
     chosen: Sequence[int],
 ) -> Fit | None:
-    """Two effects together, under the chosen structures."""
+    """Two effects together, under the chosen structures; None where the run cannot tell the one from the other."""
     pair = [first, second]
     by = np.full(len(members), -np.inf)
     places, spreads, numbers = [], [], []
@@ -203,6 +207,11 @@ def fit_pair(
             spreads.append(found.covariance)
             numbers.append(number)
     if not places:
+        return None
+    best = numbers[int(np.argmax(by[numbers]))]
+    parts = _split(places[numbers.index(best)], pair)
+    white = members[best].white(np.stack([first.row(parts[0]), second.row(parts[1])]))
+    if _alike(white[0], white[1]) > _COLLINEAR:
         return None
     weights = np.array([members[n].log_weight for n in numbers])
     mean, covariance = _mixture(by[numbers] + weights, np.array(places), np.array(spreads))
@@ -242,6 +251,16 @@ def _linearised(components: Sequence[Component], value: FloatArray) -> tuple[Flo
     return np.asarray(total), np.concatenate(slopes)
 
 
+def _prior_precision(value: FloatArray, components: Sequence[Component]) -> FloatArray:
+    """Inverse variance that the prior gives each parameter about a value, shape (parameter,)."""
+    found = []
+    for component, part in zip(components, _split(value, components), strict=True):
+        prior = component.prior
+        width = np.maximum(np.abs(part - prior.nominal), 0.5 * prior.scale)
+        found.append(np.where(prior.sized, 1 / width**2, 12 / (prior.high - prior.low) ** 2))
+    return np.concatenate(found)
+
+
 def _split(value: FloatArray, components: Sequence[Component]) -> list[FloatArray]:
     ends = np.cumsum([len(c.prior.nominal) for c in components])[:-1]
     return [np.asarray(part) for part in np.split(value, ends)]
@@ -251,6 +270,11 @@ def _inside(value: FloatArray, components: Sequence[Component]) -> FloatArray:
     low = np.concatenate([c.prior.low for c in components])
     high = np.concatenate([c.prior.high for c in components])
     return np.asarray(np.clip(value, low, high))
+
+
+def _alike(first: FloatArray, second: FloatArray) -> float:
+    """Absolute cosine of the angle between two whitened gaps."""
+    return float(abs(first @ second) / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-300))
 
 
 def _squared(white: FloatArray) -> float:
