@@ -17,16 +17,12 @@ def check(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the report for programs, too.")] = None,
 ) -> None:
     """Check a material: coverage, reciprocity, energy, what is filled, how well it is interpolated."""
-    from instrument.errors import EXIT_BAD_INPUT, EXIT_INCOMPLETE, InputError
+    from instrument.errors import EXIT_INCOMPLETE
     from twin.material_check import check_file
 
-    try:
-        report = check_file(file)
-        if json_file is not None:
-            _write_json(json_file, report.to_json())
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
+    report = check_file(file)
+    if json_file is not None:
+        _write_json(json_file, report.to_json())
     for line in report.lines():
         typer.echo(line)
     if report.problems:
@@ -37,21 +33,17 @@ def table(
     file: _File, out: Annotated[Path, typer.Option(help="Where the table goes (netCDF).")] = Path("material_table.nc")
 ) -> None:
     """Write a material as a ready table, whatever model and files it comes from."""
-    from instrument.errors import EXIT_BAD_INPUT, InputError
+    from instrument.errors import InputError
     from twin.material import read_material
     from twin.reflection_models.table import to_table
 
+    material = read_material(file)
+    if out.resolve() == file.resolve():
+        raise InputError(f"--out: {out}: is the material itself; expected another name")
     try:
-        material = read_material(file)
-        if out.resolve() == file.resolve():
-            raise InputError(f"--out: {out}: is the material itself; expected another name")
-        try:
-            to_table(material).to_netcdf(out, engine="h5netcdf")
-        except OSError as error:
-            raise InputError(f"--out: {out}: cannot be written ({error.strerror or error})") from None
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
+        to_table(material).to_netcdf(out, engine="h5netcdf")
+    except OSError as error:
+        raise InputError(f"--out: {out}: cannot be written ({error.strerror or error})") from None
     typer.echo(material.describe())
     typer.echo(f"written: {out}")
 
