@@ -38,6 +38,8 @@ _GRAZING_COSINE, _NEAR_HORIZON = 0.165, 3.0
 #: A gaussian beam without an iris ends here, in units of its 1/e^2 radius: exp(-2 * 3.5^2) = 2e-11.
 _GAUSSIAN_END = 3.5
 _CHUNK = 128
+#: Geometries times points of the mirror that are treated in one go, about.
+_ROWS = 256
 #: Nodes along a radius over a picture of the beam, and panels around the target.
 _PICTURE_NODES, _PICTURE_PANELS = (16, 64), 16
 
@@ -75,11 +77,19 @@ def plane_flux(layout: Layout) -> FloatArray:
 
 
 def _flux(layout: Layout, fineness: _Fineness) -> FloatArray:
-    flux = np.zeros(len(layout))
-    visible = _visible_ellipse(layout)
-    for deviation_u, deviation_v, share in _deviations(layout):
-        for mirror, weight in _mirror_nodes(layout, fineness):
-            flux += share * weight * _target_mean(layout, fineness, mirror, (deviation_u, deviation_v), visible)
+    count, flux = len(layout), np.zeros(len(layout))
+    nodes = [
+        (mirror, u, v, share * weight)
+        for u, v, share in _deviations(layout)
+        for mirror, weight in _mirror_nodes(layout, fineness)
+    ]
+    together = max(1, _ROWS // count)
+    for start in range(0, len(nodes), together):
+        mirrors, first, second, weights = zip(*nodes[start : start + together], strict=True)
+        some = layout.take(np.tile(np.arange(count), len(mirrors)))
+        deviation = np.concatenate(first), np.concatenate(second)
+        means = _target_mean(some, fineness, np.concatenate(mirrors), deviation, _visible_ellipse(some))
+        flux += np.sum(np.stack(weights) * means.reshape(len(mirrors), count), axis=0)
     return flux
 
 
