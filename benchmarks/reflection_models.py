@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/reflection_models.py [--shared ../shared]
 
 Data: white PTFE at 532 nm (NIST, Germer 2017; a grid of six incidences, and 1760 random geometries) and the example
-coupon. Of the grid the models see the planes 0/180, 45/135 and 90 degrees, as a plan for a coupon has them; the rest and
-the random geometries are held out. The random geometries repeat to about 1.4 %, which is in every number of theirs.
+coupon. Of the grid the models see the planes 0/180, 45/135 and 90 degrees, as a plan for a coupon has them; the rest
+and the random geometries are held out. The random geometries repeat to about 1.4 %, which is in every number of theirs.
 """
 
 from __future__ import annotations
