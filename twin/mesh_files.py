@@ -29,8 +29,9 @@ def read_mesh(path: Path) -> SurfaceMesh:
     Raises
     ------
     InputError
-        Naming the file and what is wrong: not a mesh, open edges, faces that cross, normals inwards that cannot
-        be turned, a size that is not in mm, a top that is not at z = 0.
+        Naming the file and what is wrong: not a mesh, open edges, neighbouring faces of opposite sense, faces that
+        cross, parts that lie within each other or have their normals inwards, a size that is not in mm, a top that is
+        not at z = 0. A mesh with all its normals inwards is turned.
     """
     vertices, faces = _load(path)
     _check_size(path, vertices)
@@ -39,11 +40,7 @@ def read_mesh(path: Path) -> SurfaceMesh:
     vertices, faces = vertices[np.unique(groups, return_index=True)[1]], groups[faces]
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     mesh = SurfaceMesh(vertices, faces[proper], np.zeros(int(proper.sum()), dtype=np.uint8))
-    if mesh.open_edges():
-        raise InputError(
-            f"{path}: the mesh is not closed: {mesh.open_edges()} edges do not join two faces of the same orientation;"
-            " expected a watertight solid"
-        )
+    _check_closed(path, mesh)
     if mesh.volume() < 0:
         mesh = SurfaceMesh(mesh.vertices, mesh.faces[:, ::-1], mesh.labels)
     mesh = SurfaceMesh(mesh.vertices, mesh.faces[mesh.areas() > 0], mesh.labels[mesh.areas() > 0])
@@ -54,6 +51,7 @@ def read_mesh(path: Path) -> SurfaceMesh:
             f"{path}: the mesh intersects itself: faces {crossing[0]} and {crossing[1]} cross near"
             f" ({where[0]:.3g}, {where[1]:.3g}, {where[2]:.3g}) mm; expected the surface of a solid"
         )
+    _check_parts(path, mesh)
     return SurfaceMesh(mesh.vertices, mesh.faces, _labels(mesh))
 
 
@@ -92,6 +90,60 @@ def _check_size(path: Path, vertices: FloatArray) -> None:
             f"{path}: the top of the mesh is at z = {top:.4g} mm; expected the artifact frame: top at z = 0, openings"
             " towards +z"
         )
+
+
+def _check_closed(path: Path, mesh: SurfaceMesh) -> None:
+    count = mesh.open_edges()
+    if not count:
+        return
+    sides = np.sort(np.concatenate([mesh.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    edges, times = np.unique(sides, axis=0, return_counts=True)
+    odd = times != 2
+    if np.any(odd):
+        where = mesh.vertices[edges[int(np.argmax(odd))]].mean(axis=0)
+        raise InputError(
+            f"{path}: the mesh is not closed: {int(odd.sum())} edges do not join two faces, one near"
+            f" ({where[0]:.3g}, {where[1]:.3g}, {where[2]:.3g}) mm; expected a watertight solid"
+        )
+    raise InputError(
+        f"{path}: normals of neighbouring faces point to opposite sides of the surface ({count} edges); expected all"
+        " outwards"
+    )
+
+
+def _check_parts(path: Path, mesh: SurfaceMesh) -> None:
+    """Whether each part of the surface has the solid on its inner side and nothing on its outer one.
+
+    Without crossings a part has everywhere on one side the same winding number.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    graph = coo_matrix((np.ones(len(start)), (start, end)), shape=(len(mesh.vertices),) * 2)
+    part = connected_components(graph, directed=False)[1][mesh.faces[:, 0]]
+    step = 1e-6 * float(np.ptp(mesh.vertices, axis=0).max())
+    areas, normals, middle = mesh.areas(), mesh.normals(), mesh.corners().mean(axis=1)
+    for number in np.unique(part):
+        own = np.flatnonzero(part == number)
+        face = own[int(np.argmax(areas[own]))]
+        inner, outer = (_winding(mesh, middle[face] + sign * step * normals[face]) for sign in (-1, 1))
+        if (inner, outer) != (1, 0):
+            where = middle[face]
+            what = "has its normals inwards" if inner < 1 else "lies within another part, or is double"
+            raise InputError(
+                f"{path}: a part of the mesh ({len(own)} faces, one near ({where[0]:.3g}, {where[1]:.3g},"
+                f" {where[2]:.3g}) mm) {what}; expected the surface of a solid, normals outwards"
+            )
+
+
+def _winding(mesh: SurfaceMesh, point: FloatArray) -> int:
+    """How often the surface encloses a point: solid angles of the faces (Van Oosterom and Strackee 1983)."""
+    a, b, c = np.moveaxis(mesh.corners() - point, 1, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    triple = np.sum(a * np.cross(b, c), axis=1)
+    rest = la * lb * lc + np.sum(a * b, axis=1) * lc + np.sum(b * c, axis=1) * la + np.sum(c * a, axis=1) * lb
+    return round(float(np.sum(2 * np.arctan2(triple, rest))) / (4 * np.pi))
 
 
 def _labels(mesh: SurfaceMesh) -> NDArray[np.uint8]:

@@ -267,6 +267,46 @@ def test_a_mesh_that_intersects_itself_is_refused(tmp_path: Path) -> None:
         read_mesh(written(tmp_path / "crossed.ply", both))
 
 
+def joined(*parts: SurfaceMesh) -> SurfaceMesh:
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts])
+    return SurfaceMesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)]),
+        np.concatenate([part.labels for part in parts]),
+    )
+
+
+def within(mesh: SurfaceMesh) -> SurfaceMesh:
+    """The same, smaller, inside of it."""
+    return SurfaceMesh(mesh.vertices * 0.5 + [0.0, 0.0, -1.0], mesh.faces, mesh.labels)
+
+
+def test_a_solid_within_a_solid_is_refused_and_a_bubble_is_not(tmp_path: Path) -> None:
+    slab = build_mesh(flat())
+    inner = within(slab)
+    with pytest.raises(InputError, match=r"nested\.ply: a part of the mesh \(12 faces.*lies within another part"):
+        read_mesh(written(tmp_path / "nested.ply", joined(slab, inner)))
+    bubble = SurfaceMesh(inner.vertices, inner.faces[:, ::-1], inner.labels)
+    assert read_mesh(written(tmp_path / "bubble.ply", joined(slab, bubble))).volume() == pytest.approx(
+        2500 * 5.0 * 7 / 8, rel=1e-6
+    )
+
+
+def test_a_part_with_normals_inwards_is_refused(tmp_path: Path) -> None:
+    slab = build_mesh(flat())
+    small = SurfaceMesh(slab.vertices * 0.2 + [40.0, 0.0, 0.0], slab.faces[:, ::-1], slab.labels)
+    with pytest.raises(InputError, match="has its normals inwards"):
+        read_mesh(written(tmp_path / "turned.ply", joined(slab, small)))
+
+
+def test_a_face_of_the_opposite_sense_is_refused(tmp_path: Path) -> None:
+    mesh = square_pit(50.0, 10.0, 10.0)
+    faces = mesh.faces.copy()
+    faces[0] = faces[0, ::-1]
+    with pytest.raises(InputError, match="normals of neighbouring faces point to opposite sides"):
+        read_mesh(written(tmp_path / "mixed.ply", SurfaceMesh(mesh.vertices, faces, mesh.labels)))
+
+
 def test_a_mesh_with_normals_inwards_is_turned(tmp_path: Path) -> None:
     mesh = square_pit(50.0, 10.0, 10.0)
     path = written(tmp_path / "inside_out.ply", SurfaceMesh(mesh.vertices, mesh.faces[:, ::-1], mesh.labels))
