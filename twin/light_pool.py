@@ -234,7 +234,7 @@ class LightPaths:
         bin_start = (base + dr.select(is_own, opening, beside)) * 3 + skip
         low = dr.select(near, pool.start(bin_start, active), pool.start(base * 3, active))
         high = dr.select(near, pool.start(bin_start + take, active), pool.start((base + pool.openings) * 3, active))
-        active &= high > low
+        active = active & (high > low)  # in place it would change the caller's
         place = low + dr.minimum(mi.UInt32(v * mi.Float(high - low)), dr.select(active, high - low - 1, 0))
         position, towards, flux, face, its = pool.place(place, active)
         # The density of the choice, at the place chosen.

@@ -13,7 +13,7 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -24,6 +24,8 @@ from instrument.errors import InputError
 #: Oldest LLVM that compiles every instruction Dr.Jit emits.
 OLDEST_LLVM = 16
 VARIABLE = "DRJIT_LIBLLVM_PATH"
+#: Variants of Mitsuba that serve, best first.
+VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
 _PACKAGE = "karellen-llvm-core"
 _SYSTEM_PATTERNS = (
     "/usr/lib/*-linux-gnu/libLLVM*.so*",
@@ -91,24 +93,46 @@ def llvm_version(library: Path) -> int | None:
 def import_mitsuba() -> Any:
     """Import Mitsuba with a working LLVM, its variant set, and as many threads as this process may use.
 
-    The variant is ``cuda_ad_mono`` where a GPU answers and ``llvm_ad_mono`` otherwise.
-
     Raises
     ------
     InputError
-        If no usable LLVM library is found.
+        If neither a GPU answers nor a usable LLVM library is found, or ``DRJIT_LIBLLVM_PATH`` names no usable one.
     """
-    library = choose_llvm()
-    os.environ[VARIABLE] = str(library)
+    library, missing = None, ""
+    try:
+        library = choose_llvm()
+        os.environ[VARIABLE] = str(library)
+    except InputError as error:
+        if os.environ.get(VARIABLE):
+            raise
+        missing = str(error)
     import drjit as dr
     import mitsuba as mi
 
-    gpu = "cuda_ad_mono" in mi.variants() and dr.has_backend(dr.JitBackend.CUDA)
-    if not gpu and not dr.has_backend(dr.JitBackend.LLVM):
-        raise InputError(f"{library}: Dr.Jit could not load this LLVM library. {_advice()}")
-    mi.set_variant("cuda_ad_mono" if gpu else "llvm_ad_mono")
+    def answers(variant: str) -> bool:
+        backend = {"cuda_ad_mono": dr.JitBackend.CUDA, "llvm_ad_mono": dr.JitBackend.LLVM}[variant]
+        # Dr.Jit left to itself would take any LLVM library, also one that aborts the process.
+        return (library is not None or backend != dr.JitBackend.LLVM) and bool(dr.has_backend(backend))
+
+    variant = choose_variant(mi.variants(), answers)
+    if variant is None:
+        raise InputError(missing or f"{library}: Dr.Jit could not load this LLVM library. {_advice()}")
+    mi.set_variant(variant)
     dr.set_thread_count(usable_cores())
     return mi
+
+
+def choose_variant(variants: Sequence[str], answers: Callable[[str], bool]) -> str | None:
+    """The variant of Mitsuba to use: on the GPU where one answers, else on the processor; None where neither does.
+
+    Parameters
+    ----------
+    variants
+        What this Mitsuba was built with.
+    answers
+        Whether the device of a variant is there and works; not asked for variants that are not built.
+    """
+    return next((name for name in VARIANTS if name in variants and answers(name)), None)
 
 
 def usable_cores() -> int:

@@ -70,6 +70,39 @@ def test_a_packaged_library_that_does_not_load_is_named_with_the_reason(
         llvm.choose_llvm({})
 
 
+@pytest.mark.parametrize(
+    ("built", "working", "chosen"),
+    [
+        (("scalar_rgb", "llvm_ad_mono", "cuda_ad_mono"), {"cuda_ad_mono", "llvm_ad_mono"}, "cuda_ad_mono"),
+        (("scalar_rgb", "llvm_ad_mono", "cuda_ad_mono"), {"llvm_ad_mono"}, "llvm_ad_mono"),
+        (("scalar_rgb", "llvm_ad_mono"), {"llvm_ad_mono"}, "llvm_ad_mono"),
+        (("llvm_ad_mono", "cuda_ad_mono"), {"cuda_ad_mono"}, "cuda_ad_mono"),
+        (("scalar_rgb", "llvm_ad_mono"), set(), None),
+    ],
+)
+def test_a_gpu_is_used_where_one_answers(built: tuple[str, ...], working: set[str], chosen: str | None) -> None:
+    def answers(variant: str) -> bool:
+        assert variant in built  # the backend of a variant that is not there is never touched
+        return variant in working
+
+    assert llvm.choose_variant(built, answers) == chosen
+
+
+def test_a_machine_with_neither_gpu_nor_llvm_says_what_to_install() -> None:
+    program = (
+        "from twin import llvm; llvm._packaged = list; llvm._SYSTEM_PATTERNS = ()\n"
+        "from instrument.errors import InputError\n"
+        "import drjit as dr; dr.has_backend = lambda backend: False\n"
+        "try: llvm.import_mitsuba()\n"
+        "except InputError as error: print(error)"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != llvm.VARIABLE}
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True, env=environment
+    )
+    assert "No LLVM library of version 16 or newer" in done.stdout
+
+
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no CPU affinity on this platform")
 def test_threads_honour_cpu_affinity() -> None:
     program = (
