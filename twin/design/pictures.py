@@ -77,7 +77,7 @@ def draw_sweep(judgements: list[Judgement], path: Path) -> Path:
     numeric = _axis_values(judgements)
     places = np.arange(len(judgements), dtype=float) if numeric is None else numeric
     apart = judgements[0].separation is not None
-    figure = Figure(figsize=(7.4, 7.2 if apart else 3.6), layout="constrained")
+    figure = Figure(figsize=(9.2 if apart else 7.4, 7.2 if apart else 3.6), layout="constrained")
     upper: Any = figure.add_subplot(2 if apart else 1, 1, 1)
     lower: Any = figure.add_subplot(2, 1, 2, sharex=upper) if apart else upper
     _draw_signal(upper, places, judgements)
@@ -109,7 +109,7 @@ def _draw_signal(axis: Axes, places: np.ndarray, judgements: list[Judgement]) ->
     axis.set_ylabel("%")
     axis.set_ylim(0, None)
     axis.grid(True, lw=0.4, alpha=0.5)
-    axis.legend(fontsize=8, frameon=False)
+    axis.legend(fontsize=8, frameon=False, loc="lower right")  # "best" is slow, and says so
 
 
 def _draw_distinct(axis: Axes, places: np.ndarray, judgements: list[Judgement]) -> None:
@@ -124,7 +124,7 @@ def _draw_distinct(axis: Axes, places: np.ndarray, judgements: list[Judgement]) 
     axis.set_yscale("log")
     axis.set_ylabel("standard deviations at which an effect\nof its usual size stands out from the others")
     axis.grid(True, which="both", lw=0.4, alpha=0.4)
-    axis.legend(fontsize=8, ncols=2, frameon=True, framealpha=0.85)
+    axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def _norm(judgements: list[Judgement]) -> Normalize:
