@@ -30,14 +30,13 @@ _PILOT = {Part.PLATE_TOP: 128, Part.REFLECTED_ONCE: 128, Part.SCATTERED: 64}
 #: Least numbers: fewer are too skewed for an honest error.
 _LEAST = {Part.PLATE_TOP: 32, Part.REFLECTED_ONCE: 32, Part.SCATTERED: 32}
 #: CPU time of a sight line in microseconds on one core of 2.5 GHz: only the ratios matter.
-_COST = {Part.PLATE_TOP: 0.12, Part.REFLECTED_ONCE: 0.28, Part.SCATTERED: 1.0}
+_COST = {Part.PLATE_TOP: 0.11, Part.REFLECTED_ONCE: 0.27, Part.SCATTERED: 0.7}
 #: The error of a part falls with this power of its sight lines.
-_RATE = {Part.PLATE_TOP: 0.82, Part.REFLECTED_ONCE: 0.66, Part.SCATTERED: 0.56}
+_RATE = {Part.PLATE_TOP: 0.75, Part.REFLECTED_ONCE: 0.68, Part.SCATTERED: 0.5}
 #: The main run aims at this part of the wanted error: with less, fewer geometries need repetitions.
-_AIM = 0.9
+_AIM = 0.95
 _LIMIT, _MOST_REPEATS = 2**20, 64
-#: Range of the logarithm of the price of variance, and how often it is halved.
-_PRICES, _HALVINGS = 60.0, 24
+_MOST_STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def planned(seen: Tally, standard_error: float) -> Iterator[Block]:
     """The main run's blocks, from what the pilot has seen."""
     wanted = _wanted(seen, standard_error)
     for part in Part:
-        yield from _blocks(part, wanted[part])
+        yield from _blocks(part, np.zeros_like(wanted[part]), wanted[part])
 
 
 def repetitions(main: Tally, standard_error: float) -> IntArray:
@@ -136,7 +135,7 @@ def repeated(main: Tally, repeats: IntArray, round_: int) -> Iterator[Block]:
     """Blocks of one round (counted from 1) of repetitions, each as long as the main run."""
     for part in Part:
         wanted = np.where(repeats[part] > round_, main.done[part], 0)
-        yield from _blocks(part, wanted)
+        yield from _blocks(part, np.zeros_like(wanted), wanted)
 
 
 def power_of_two(number: float, least: int = 1) -> int:
@@ -152,52 +151,34 @@ def _wanted(seen: Tally, standard_error: float) -> IntArray:
     whole = variances.sum(axis=0)
     variances = variances * np.divide(error**2, whole, out=np.zeros_like(whole), where=whole > 0)
     least, cost, rate = (np.array([table[part] for part in Part])[:, None] for table in (_LEAST, _COST, _RATE))
-    variance = variances * seen.done ** (2 * rate)  # of a single sight line
+    number = np.broadcast_to(least, variances.shape).astype(np.int64)
     goal = (_AIM * standard_error * total) ** 2
-    slope = 2 * rate * variance / cost
-    # Where another second gains the same in every part (Lagrange): n = (price * slope)^(1/(2 rate + 1)).
-    low, high = np.full(len(goal), -_PRICES), np.full(len(goal), _PRICES)
-    for _ in range(_HALVINGS):
-        price = (low + high) / 2
-        ideal = np.clip((np.exp(price) * slope) ** (1 / (2 * rate + 1)), least, _LIMIT)
-        short = np.sum(variance * ideal ** (-2 * rate), axis=0) > goal
-        low, high = np.where(short, price, low), np.where(short, high, price)
-    ideal = np.where(total > 0, ideal, least)
-    number = np.ceil(ideal).astype(np.int64)
-    step = np.maximum(_floor_power(number) // 4, 1)
-    number = -(-number // step) * step
-    return _trimmed(number, variance, goal)
-
-
-def _trimmed(number: IntArray, variance: FloatArray, goal: FloatArray) -> IntArray:
-    """Take back what the last steps brought too much; ``variance`` is that of a single sight line."""
-    least, cost, rate = (np.array([table[part] for part in Part])[:, None] for table in (_LEAST, _COST, _RATE))
-    for _ in range(len(Part)):
-        lower = np.maximum(previous_number(number), least)
-        now = variance * number ** (-2.0 * rate)
-        after = np.sum(now, axis=0) - now + variance * lower ** (-2.0 * rate)
-        saved = np.where(after <= goal, cost * (number - lower), 0.0)
-        best, every = np.argmax(saved, axis=0), np.arange(number.shape[1])
-        number[best, every] = np.where(saved[best, every] > 0, lower[best, every], number[best, every])
+    for _ in range(_MOST_STEPS):
+        now = variances * (seen.done / number) ** (2 * rate)
+        following = next_number(number)
+        gain = now * (1 - (number / following) ** (2 * rate)) / (cost * (following - number))
+        gain = np.where(following > _LIMIT, 0.0, gain)
+        step = (total > 0) & (np.sum(now, axis=0) > goal) & (np.max(gain, axis=0) > 0)
+        if not np.any(step):
+            break
+        where = np.flatnonzero(step)
+        best = np.argmax(gain[:, where], axis=0)
+        number[best, where] = following[best, where]
     return number
 
 
-def previous_number(number: IntArray) -> IntArray:
-    """The next below of the numbers 4, 5, 6 and 7 times a power of two."""
-    return np.asarray(number - np.maximum(_floor_power(number - 1) // 4, 1))
+def next_number(number: IntArray) -> IntArray:
+    """The next of the numbers 2^k and 3 * 2^k: half as many again, or a third."""
+    lowest = number & -number
+    return np.asarray(number + np.where(lowest == number, np.maximum(number // 2, 1), lowest))
 
 
-def _floor_power(number: IntArray) -> IntArray:
-    """The power of two not above a number."""
-    exponent: IntArray = np.frexp(np.maximum(number, 1).astype(float))[1].astype(np.int64) - 1
-    return np.asarray(np.int64(1) << exponent)
-
-
-def _blocks(part: Part, wanted: IntArray) -> Iterator[Block]:
+def _blocks(part: Part, done: IntArray, wanted: IntArray) -> Iterator[Block]:
     """Cut what is wanted into blocks that start at a multiple of their length, a power of two."""
-    done = np.zeros_like(wanted)
     while np.any(wanted > done):
-        length = _floor_power(wanted - done)
+        lowest = done & -done
+        highest = 1 << np.floor(np.log2(np.maximum(wanted, 1))).astype(np.int64)
+        length = np.where(done == 0, highest, np.where(done + lowest > wanted, done // 2, lowest))
         for first, samples in np.unique(np.stack([done, length], axis=1)[wanted > done], axis=0):
             chosen = np.flatnonzero((wanted > done) & (done == first) & (length == samples))
             yield Block(part, int(first), int(samples), chosen)
