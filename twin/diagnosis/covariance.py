@@ -20,7 +20,9 @@ LENGTHS = (6.0, 10.0, 16.0, 25.0, 40.0, 60.0)
 #: Standard deviation of the stability over the stated one, and prior weights.
 SCALES = {0.6: 0.2, 1.0: 0.55, 1.5: 0.25}
 #: Points of a block: what one may be read of a session between two looks at the reference.
-BLOCKS = (11, 30)
+BLOCKS = (6, 11, 20, 30, 45)
+#: Correlation times of a wander, as shares of the run.
+TIMES = (0.03, 0.1, 0.3)
 #: Shares of the variance when a file states nothing but the combined uncertainty.
 _NOISE_SHARE, _STABILITY_SHARE = 0.25, 0.5
 #: Components that are neither noise nor stability are systematic: the physics of their effects describes them.
@@ -85,17 +87,27 @@ def correlations(run: Observation) -> list[tuple[str, float, FloatArray]]:
         ("half a slice, half independent", 0.04, 0.5 * same + 0.5 * np.eye(count)),
         ("smooth over directions", 0.05, over_directions(run, 25.0)),
         ("one factor an illumination", 0.03, (run.illumination[:, None] == run.illumination[None, :]).astype(float)),
-        ("slow in time", 0.04, _bell(run.progress, 0.1)),
+        *(
+            (f"wander in time, {share:g} of the run", 0.08 / len(TIMES), _decaying(run.progress, share))
+            for share in TIMES
+        ),
     ]
     order = np.argsort(np.argsort(run.progress, kind="stable"), kind="stable")
     for length in BLOCKS:
         block = order // length
-        kinds.append((f"blocks of {length} points", 0.02, (block[:, None] == block[None, :]).astype(float)))
+        kinds.append(
+            (f"blocks of {length} points", 0.08 / len(BLOCKS), (block[:, None] == block[None, :]).astype(float))
+        )
     return kinds
 
 
 def _bell(place: FloatArray, length: float) -> FloatArray:
     return np.asarray(np.exp(-0.5 * ((place[:, None] - place[None, :]) / length) ** 2))
+
+
+def _decaying(place: FloatArray, length: float) -> FloatArray:
+    """Of a random walk that is pulled back (Ornstein and Uhlenbeck)."""
+    return np.asarray(np.exp(-np.abs(place[:, None] - place[None, :]) / length))
 
 
 def over_directions(run: Observation, length_deg: float) -> FloatArray:

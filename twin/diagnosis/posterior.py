@@ -14,7 +14,7 @@ from twin.diagnosis.fit import Component, Fit, fit_none, fit_pair, fit_single
 from twin.diagnosis.likelihood import Normal, marginal
 
 #: Prior probabilities: of no gap, of one effect in all, of two in all, of a cause that is not in the library.
-PRIOR = {"none": 0.5, "one": 0.3, "two": 0.06, "unknown": 0.14}
+PRIOR = {"none": 0.5, "one": 0.33, "two": 0.03, "unknown": 0.14}
 #: Standard deviation of an unknown gap over the relative uncertainty of the run.
 UNKNOWN_SIZES = (1.0, 2.0, 4.0)
 #: Pairs are sought around so many single effects, and refitted under so many structures.
