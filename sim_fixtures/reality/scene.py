@@ -93,11 +93,16 @@ def artifact_scene(artifact: ArtifactDimensions) -> Scene:
     Raises
     ------
     InputError
-        If the artifact is a mesh: the simulated laboratory knows dimensions only.
+        If the artifact is a mesh, has chamfers or a tilted block: the simulated laboratory knows none in an artifact.
     """
     if artifact.mesh is not None:
         raise InputError(f"{artifact.source}: mesh: the simulated laboratory needs dimensions, not a mesh")
     form, holes = artifact.form, artifact.holes
+    if np.any(artifact.chamfers > 0) or any(form.floor_slope):
+        raise InputError(
+            f"{artifact.source}: edge_chamfer, block_tilt_x, block_tilt_y: the simulated laboratory needs sharp hole"
+            " edges and a level block; expected 0"
+        )
     return make_scene(
         outline=form.outline,
         thickness=form.plate_thickness,
