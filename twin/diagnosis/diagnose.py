@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,9 @@ def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
     where = regions(problem.run, _located(prepared, decision, leading, weights))
     tell("slices held out", 0.8)
     gap = measure_gap(problem, leading, weights)
+    if decision.verdict == "effects" and gap.gain <= 0:
+        # Evidence and held-out slices must agree.
+        decision = replace(decision, verdict="undecided", named=())
     tell("done", 1.0)
     return Diagnosis(prepared, posterior, consistency, tuple(where), decision, gap, leading.table)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.diagnosis.fit import Fit, fit_none, fit_single
+from twin.diagnosis.likelihood import marginal
 from twin.diagnosis.posterior import PRIOR, Hypothesis, normalised, pairs
 from twin.diagnosis.problem import Problem
 
@@ -35,6 +36,8 @@ class Gap:
         Share of the held-out difference that is not noise and budget.
     chosen
         What was chosen without each group of slices.
+    gain
+        Nats by which what was chosen and fitted without a group of slices predicts it better than the nominal twin.
     """
 
     before: float
@@ -45,6 +48,7 @@ class Gap:
     interval: tuple[float, float]
     removable: float
     chosen: tuple[tuple[str, ...], ...]
+    gain: float = 0.0
 
 
 def measure_gap(problem: Problem, leading: Fit, weights: FloatArray, seed: int = 1) -> Gap:
@@ -59,7 +63,7 @@ def measure_gap(problem: Problem, leading: Fit, weights: FloatArray, seed: int =
     """
     before = _difference(problem, np.zeros(len(problem.run)))
     after = _difference(problem, leading.table)
-    table, chosen = held_out(problem, weights)
+    table, chosen, gain = held_out(problem, weights)
     variance = float(np.mean(problem.noise_variance(weights)))
     held_before, held_after = before, _difference(problem, table)
     interval = expected_shrink(problem, leading, weights, seed)
@@ -73,6 +77,7 @@ def measure_gap(problem: Problem, leading: Fit, weights: FloatArray, seed: int =
         interval,
         float(removable),
         tuple(chosen),
+        gain,
     )
 
 
@@ -95,10 +100,10 @@ def groups(problem: Problem) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(plane % FOLDS == fold) for fold in range(FOLDS)]
 
 
-def held_out(problem: Problem, weights: FloatArray) -> tuple[FloatArray, list[tuple[str, ...]]]:
-    """Logarithmic ratio at every point from a choice and a fit that did not see its slice."""
+def held_out(problem: Problem, weights: FloatArray) -> tuple[FloatArray, list[tuple[str, ...]], float]:
+    """Logarithmic ratio at every point from a choice and a fit that did not see its slice; the choices; nats gained."""
     table = np.zeros(len(problem.run))
-    chosen = []
+    chosen, gain = [], 0.0
     kept = [int(k) for k in np.argsort(-weights)[:_STRUCTURES]]
     for rows in groups(problem):
         seen = np.setdiff1d(np.arange(len(problem.run)), rows)
@@ -110,7 +115,10 @@ def held_out(problem: Problem, weights: FloatArray) -> tuple[FloatArray, list[tu
             count = len(component.prior.nominal)
             table[rows] += component.row(values[start : start + count])[rows]
             start += count
-    return table, chosen
+        seen_not = problem.at(rows, kept)
+        gain += marginal([m.log_density(seen_not.residual - table[rows]) for m in seen_not.members], seen_not.members)
+        gain -= marginal([m.log_density(seen_not.residual) for m in seen_not.members], seen_not.members)
+    return table, chosen, gain
 
 
 def _choose(problem: Problem) -> tuple[tuple[str, ...], FloatArray]:

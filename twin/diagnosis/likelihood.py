@@ -99,6 +99,6 @@ class Compressed:
         return np.asarray(normal.log_norm - 0.5 * squared)
 
 
-def marginal(log_values: FloatArray, members: Sequence[Normal]) -> float:
+def marginal(log_values: FloatArray | Sequence[float], members: Sequence[Normal]) -> float:
     """Logarithm of the mean over structures of densities, shape (structure,)."""
-    return float(log_sum(log_values + np.array([m.log_weight for m in members])))
+    return float(log_sum(np.asarray(log_values) + np.array([m.log_weight for m in members])))

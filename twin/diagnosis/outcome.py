@@ -42,6 +42,7 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "shrink": gap.shrink,
             "shrink_interval": list(gap.interval),
             "removable": gap.removable,
+            "heldout_gain_nats": gap.gain,
         },
         "next_scan": _next_scans(diagnosis),
         "ruled_out": diagnosis.prepared.responses.ruled_out,
