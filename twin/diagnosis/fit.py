@@ -274,7 +274,7 @@ def _inside(value: FloatArray, components: Sequence[Component]) -> FloatArray:
 
 def _alike(first: FloatArray, second: FloatArray) -> float:
     """Absolute cosine of the angle between two whitened gaps."""
-    return float(abs(first @ second) / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-300))
+    return float(abs(first @ second) / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300))
 
 
 def _squared(white: FloatArray) -> float:
