@@ -13,7 +13,7 @@ sum follows small changes of any input smoothly, which differences need more tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit, prange
@@ -26,7 +26,9 @@ from twin.artifact import Surface
 from twin.material import Material
 
 #: Nodes of a hole and of the beam, and points of the mirror that they take turns with.
-_NODES, _BEAM_NODES, _MIRROR = 320, 3072, 12
+NODES, _BEAM_NODES, _MIRROR = 320, 3072, 12
+#: Parallel beams that stand for a divergent one.
+_BEAMS = 12
 _GOLDEN = np.pi * (3 - np.sqrt(5))
 _CELL_MM = 0.3
 
@@ -56,16 +58,17 @@ class PiercedPlate:
 
 
 def pierced_plate(artifact: ArtifactDimensions, chamfer_mm: float = 0.0) -> PiercedPlate | None:
-    """The plate of these dimensions; None for a mesh, a flat sample or a floor that is not level."""
+    """The plate of these dimensions, without holes for a flat sample; None for a mesh or a floor that is not level."""
     form, holes = artifact.form, artifact.holes
-    if artifact.mesh is not None or not len(holes) or any(form.floor_slope):
+    if artifact.mesh is not None or any(form.floor_slope):
         return None
     from scipy.spatial import cKDTree
 
     centre = np.stack([holes.x, holes.y], axis=1)
     half = np.asarray(form.outline, dtype=float) / 2
     x, y = (np.arange(-h + _CELL_MM / 2, h, _CELL_MM) for h in half)
-    nearest = cKDTree(centre).query(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))[1]
+    places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    nearest = cKDTree(centre).query(places)[1] if len(holes) else np.zeros(places.shape[:2])
     return PiercedPlate(
         centre,
         np.asarray(holes.diameter, dtype=float) / 2,
@@ -78,11 +81,11 @@ def pierced_plate(artifact: ArtifactDimensions, chamfer_mm: float = 0.0) -> Pier
 
 
 def served(layout: Layout) -> bool:
-    """Whether the quadrature knows this instrument: a round parallel beam and a round target without a field stop."""
+    """Whether the quadrature knows this instrument: a round beam from afar, a round target and no field stop."""
     round_beam = np.all(layout.iris[:, 0] == layout.iris[:, 1]) and np.all(layout.falloff[:, 0] == layout.falloff[:, 1])
     plain = layout.picture is None and not layout.square and np.all(layout.inverse_source == 0)
-    parallel = np.all(layout.divergence_rad == 0) and np.all(np.isfinite(layout.radius))
-    return bool(round_beam and plain and parallel and np.all(np.isinf(layout.stop[:, 0])))
+    bounded = np.all(np.isfinite(layout.radius))
+    return bool(round_beam and plain and bounded and np.all(np.isinf(layout.stop[:, 0])))
 
 
 def once_reflected(
@@ -92,7 +95,7 @@ def once_reflected(
     table_index: NDArray[np.int64],
     surface_factor: dict[Surface, float] | None = None,
     *,
-    nodes: int = _NODES,
+    nodes: int = NODES,
 ) -> FloatArray:
     """Mean radiance over the sensor's rays of light reflected once, times pi over the beam's irradiance on its axis.
 
@@ -107,12 +110,51 @@ def once_reflected(
     -------
     array, shape (point,)
     """
+    diverging = np.flatnonzero(layout.divergence_rad > 0)
+    result = _of_parallel(plate, material, layout, table_index, surface_factor, nodes)
+    if len(diverging):
+        some, total = layout.take(diverging), np.zeros(len(diverging))
+        for deviation in _deviations():
+            beam = _deviated(some, deviation)
+            total += _of_parallel(plate, material, beam, table_index[diverging], surface_factor, nodes)
+        result[diverging] = total / _BEAMS
+    return result
+
+
+def _deviations() -> FloatArray:
+    """Directions of parallel beams that stand for a divergent one, in standard deviations, shape (beam, 2)."""
+    k = np.arange(_BEAMS)
+    radius = np.sqrt(-2 * np.log1p(-(k + 0.5) / _BEAMS))
+    normal = np.stack([radius * np.cos(k * _GOLDEN), radius * np.sin(k * _GOLDEN)], axis=1)
+    centred = normal - normal.mean(axis=0)
+    # Mean and covariance exact: what a small divergence does depends on them alone.
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(np.cov(centred.T, bias=True)), centred.T).T)
+
+
+def _deviated(layout: Layout, deviation: FloatArray) -> Layout:
+    """The same beams, turned about where they cross the sample's plane."""
+    spread = layout.divergence_rad[:, None] * deviation
+    light = layout.light + spread[:, :1] * layout.light_u + spread[:, 1:] * layout.light_v
+    light /= np.linalg.norm(light, axis=1, keepdims=True)
+    light_u = layout.light_u - light * np.sum(light * layout.light_u, axis=1, keepdims=True)
+    light_u /= np.linalg.norm(light_u, axis=1, keepdims=True)
+    return replace(layout, light=light, light_u=light_u, light_v=np.cross(light, light_u))
+
+
+def _of_parallel(
+    plate: PiercedPlate,
+    material: Material,
+    layout: Layout,
+    table_index: NDArray[np.int64],
+    surface_factor: dict[Surface, float] | None,
+    nodes: int,
+) -> FloatArray:
     factor = np.ones(len(Surface))
     for surface, value in (surface_factor or {}).items():
         factor[surface] = value
-    disc = _sunflower(nodes)
-    mirror = _sunflower(_MIRROR)
-    spot = _sunflower(_BEAM_NODES)
+    disc = sunflower(nodes)
+    mirror = mirror_points()
+    spot = sunflower(_BEAM_NODES)
     turn = np.random.default_rng(5).permutation(np.arange(max(nodes, _BEAM_NODES)) % _MIRROR)
     result = np.empty(len(layout))
     _sum_all(
@@ -151,7 +193,12 @@ def once_reflected(
     return result
 
 
-def _sunflower(count: int) -> FloatArray:
+def mirror_points() -> FloatArray:
+    """Points of the mirror's disc that nodes take turns with, shape (point, 2)."""
+    return sunflower(_MIRROR)
+
+
+def sunflower(count: int) -> FloatArray:
     """Points spread evenly over the unit disc, shape (count, 2)."""
     k = np.arange(count)
     radius = np.sqrt((k + 0.5) / count)
@@ -261,6 +308,61 @@ def _sight(x, y, mirror, sensor, edge):
     return weight, d0 / length, d1 / length, d2 / length
 
 
+@njit(cache=True, fastmath=True, inline="always")
+def _to_floor(
+    fx, fy, ls0, ls1, centre, hole, chamfer, thickness, depth, half, nearest, edge
+):  # fmt: skip
+    """Share of the light that reaches a place of the floor through the hole on its way."""
+    tx, ty = fx + ls0 * (depth - thickness), fy + ls1 * (depth - thickness)
+    ix, iy = int((tx + half[0]) / 0.3), int((ty + half[1]) / 0.3)
+    if len(hole) == 0 or not (0 <= ix < nearest.shape[0] and 0 <= iy < nearest.shape[1]):
+        return 0.0
+    g = nearest[ix, iy]
+    r, c = hole[g], chamfer[g]
+    clear = _ramp((r - np.hypot(tx - centre[g, 0], ty - centre[g, 1])) / edge)
+    if clear > 0:
+        tx, ty = fx + ls0 * depth, fy + ls1 * depth
+        clear = min(clear, _ramp((r + c - np.hypot(tx - centre[g, 0], ty - centre[g, 1])) / edge))
+        if c > 0:
+            tx, ty = tx - ls0 * c, ty - ls1 * c
+            clear = min(clear, _ramp((r - np.hypot(tx - centre[g, 0], ty - centre[g, 1])) / edge))
+    return clear
+
+
+def floor_light(
+    plate: PiercedPlate,
+    xs: FloatArray,
+    ys: FloatArray,
+    light: FloatArray,
+    beam: FloatArray,
+    radius: float,
+    decay: float,
+    edge_mm: float,
+) -> FloatArray:
+    """Irradiance of the floor straight from the beam, over that on the beam's axis, shape (x, y)."""
+    result = np.zeros((len(xs), len(ys)))
+    _map_floor(
+        result, xs, ys, light, beam, radius, decay, plate.centre, plate.radius, plate.chamfer, plate.thickness,
+        plate.depth, plate.half, plate.nearest, edge_mm,
+    )  # fmt: skip
+    return result
+
+
+@njit(cache=True, fastmath=True, parallel=True)
+def _map_floor(
+    result, xs, ys, light, beam, radius, decay, centre, hole, chamfer, thickness, depth, half, nearest, edge
+):  # fmt: skip
+    slope0, slope1 = light[0] / light[2], light[1] / light[2]
+    for i in prange(len(xs)):
+        for j in range(len(ys)):
+            shine = _profile(xs[i], ys[j], -depth, beam, light, radius, decay, edge)
+            if shine > 0:
+                clear = _to_floor(
+                    xs[i], ys[j], slope0, slope1, centre, hole, chamfer, thickness, depth, half, nearest, edge
+                )
+                result[i, j] = shine * clear * light[2]
+
+
 @njit(cache=True, fastmath=True, parallel=True)
 def _sum_all(
     result, target, along, across, view, mirror_along, mirror_across, inverse, light, light_u, light_v, beam, radius,
@@ -306,7 +408,10 @@ def _sum_one(
         if weight > 0:
             shine = np.exp(-decay * radius * radius * (spot[k, 0] ** 2 + spot[k, 1] ** 2))
             total += weight * area * factor[0] * tops[turn[k]] * light[2] * shine
-    deep = min(depth, 2.2 * hole.max() / max(1e-6, np.hypot(vs0, vs1)))
+    widest = 0.0
+    for h in range(len(hole)):
+        widest = max(widest, hole[h])
+    deep = min(depth, 2.2 * widest / max(1e-6, np.hypot(vs0, vs1)))
     for h in range(len(hole)):
         r, c = hole[h], chamfer[h]
         wide = r + c
@@ -368,21 +473,10 @@ def _sum_one(
             open_share = _ramp((r - np.sqrt(xt * xt + yt * yt)) / blur)
             if open_share > 0:
                 fx, fy = x - s0 * depth, y - s1 * depth
-                tx, ty = fx + ls0 * (depth - thickness), fy + ls1 * (depth - thickness)
                 shine = _profile(fx, fy, -depth, beam, light, radius, decay, spacing)
-                ix, iy = int((tx + half[0]) / 0.3), int((ty + half[1]) / 0.3)
-                if shine > 0 and 0 <= ix < nearest.shape[0] and 0 <= iy < nearest.shape[1]:
-                    g = nearest[ix, iy]
-                    rg, cg = hole[g], chamfer[g]
-                    clear = _ramp((rg - np.hypot(tx - centre[g, 0], ty - centre[g, 1])) / spacing)
-                    if clear > 0:
-                        tx, ty = fx + ls0 * depth, fy + ls1 * depth
-                        clear = min(clear, _ramp((rg + cg - np.hypot(tx - centre[g, 0], ty - centre[g, 1])) / spacing))
-                        if cg > 0:
-                            tx, ty = tx - ls0 * cg, ty - ls1 * cg
-                            gap = rg - np.hypot(tx - centre[g, 0], ty - centre[g, 1])
-                            clear = min(clear, _ramp(gap / spacing))
-                        total += weight * open_share * factor[4] * flat * clear * shine
+                if shine > 0:
+                    clear = _to_floor(fx, fy, ls0, ls1, centre, hole, chamfer, thickness, depth, half, nearest, spacing)
+                    total += weight * open_share * factor[4] * flat * clear * shine
             if open_share < 1 and slope > 1e-9:
                 root = np.sqrt(max(0.0, xs * xs - ss * (x0 * x0 + y0 * y0 - r * r)))
                 z = (xs + root) / ss

@@ -102,28 +102,12 @@ class RenderStore:
         todo = [number for number, known in enumerate(found) if known is None]
         if todo:
             unique, place = np.unique(rows, axis=0, return_inverse=True)
-            new = self._render([groups[number] for number in todo], unique, progress)
-            for number, rendered in zip(todo, new, strict=True):
+            bench = _Bench(self.workbench, unique, progress)
+            for number in todo:
+                rendered = bench.render(groups[number])
                 self._keep(groups[number], unique, rendered)
                 found[number] = _take(rendered, place.reshape(-1))
         return [known for known in found if known is not None]
-
-    def _render(
-        self, groups: Sequence[Sequence[Variation]], rows: FloatArray, progress: Progress | None
-    ) -> list[Rendered]:
-        """Render groups at geometries (row, coordinate); every variation once, the nominal twin once."""
-        columns = {name: rows[:, k].copy() for k, name in enumerate(COORDINATES)}
-        distinct = {variation.key(): variation for group in groups for variation in group}
-        distinct.pop(_NOMINAL.key(), None)
-        light = self.workbench.render([_NOMINAL, *distinct.values()], columns, progress)
-        place = {_NOMINAL.key(): 0} | {key: number for number, key in enumerate(distinct, start=1)}
-        once, scattered = light.once.mean(axis=-1), light.scattered.mean(axis=-1)
-        error = _error(light)
-        result = []
-        for group in groups:
-            chosen = [place[variation.key()] for variation in group]
-            result.append(Rendered(once[chosen], scattered[chosen], once[0], scattered[0], error[chosen]))
-        return result
 
     def _path(self, group: Sequence[Variation]) -> Path | None:
         if self.folder is None:
@@ -175,6 +159,33 @@ class RenderStore:
             np.savez_compressed(handle, geometry=rows, **{name: getattr(rendered, name) for name in _ARRAYS})
             handle.flush()
         os.replace(handle.name, path)
+
+
+class _Bench:
+    """Renders groups at the same geometries; the nominal twin once for each way of rendering."""
+
+    def __init__(self, workbench: Workbench, rows: FloatArray, progress: Progress | None) -> None:
+        self._workbench, self._progress = workbench, progress
+        self._columns = {name: rows[:, k].copy() for k, name in enumerate(COORDINATES)}
+        self._nominal: dict[bool, Light] = {}
+
+    def render(self, group: Sequence[Variation]) -> Rendered:
+        """Render a group: every variation once."""
+        distinct = {variation.key(): variation for variation in group}
+        distinct.pop(_NOMINAL.key(), None)
+        quadrature = all(self._workbench.by_quadrature(v) for v in [_NOMINAL, *distinct.values()])
+        nominal = self._of_nominal(quadrature)
+        light = self._workbench.render(list(distinct.values()), self._columns, self._progress, traced=not quadrature)
+        place = {_NOMINAL.key(): 0} | {key: number for number, key in enumerate(distinct, start=1)}
+        chosen = [place[variation.key()] for variation in group]
+        whole = Light(np.concatenate([nominal.once, light.once]), np.concatenate([nominal.scattered, light.scattered]))
+        once, scattered = whole.once.mean(axis=-1), whole.scattered.mean(axis=-1)
+        return Rendered(once[chosen], scattered[chosen], once[0], scattered[0], _error(whole)[chosen])
+
+    def _of_nominal(self, quadrature: bool) -> Light:
+        if quadrature not in self._nominal:
+            self._nominal[quadrature] = self._workbench.render([_NOMINAL], self._columns, traced=not quadrature)
+        return self._nominal[quadrature]
 
 
 _ARRAYS = tuple(f.name for f in fields(Rendered))

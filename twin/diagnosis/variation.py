@@ -55,6 +55,8 @@ class Variation:
         Changes of dimensions and of reflection, applied in order.
     surface_factor
         Reflectance of surfaces over the nominal one.
+    transport
+        Mean step in mm that light makes sideways inside the coating, and the share of the light that makes it.
     """
 
     setup: Setup = field(default_factory=Setup)
@@ -62,6 +64,7 @@ class Variation:
     artifact: tuple[ArtifactChange, ...] = ()
     material: tuple[MaterialChange, ...] = ()
     surface_factor: tuple[tuple[Surface, float], ...] = ()
+    transport: tuple[float, float] = field(default=(0.0, 0.0), repr=False)
 
     def reference_setup(self) -> Setup:
         """What is off while the reference is measured."""
@@ -69,7 +72,7 @@ class Variation:
 
     def key(self) -> str:
         """Tells variations apart, the same in every session."""
-        return repr(self)
+        return repr(self) + (f" transport {self.transport!r}" if self.transport[1] else "")
 
     def scene_key(self) -> str:
         """Tells apart what needs a scene of its own."""
@@ -90,6 +93,8 @@ def together(first: Variation, second: Variation) -> Variation:
     factor = dict(first.surface_factor)
     for surface, value in second.surface_factor:
         factor[surface] = factor.get(surface, 1.0) * value
+    if first.transport[1] and second.transport[1]:
+        raise ValueError("light goes sideways in one way only")
     if first.reference is not None or second.reference is not None:
         raise ValueError("variations with a reference setup of their own cannot be joined")
     return replace(
@@ -98,4 +103,5 @@ def together(first: Variation, second: Variation) -> Variation:
         artifact=first.artifact + second.artifact,
         material=first.material + second.material,
         surface_factor=tuple(sorted(factor.items())),
+        transport=first.transport if first.transport[1] else second.transport,
     )

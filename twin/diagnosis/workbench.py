@@ -28,15 +28,16 @@ from instrument.lambertian import lambertian_flux
 from twin.artifact import SurfaceMesh, build_mesh
 from twin.diagnosis.direct_light import once_reflected, pierced_plate, served
 from twin.diagnosis.effects.base import Known
+from twin.diagnosis.transport import transported
 from twin.diagnosis.variation import Variation
 from twin.material import Material
 from twin.optics import COORDINATES, Setup, lay_out, reference_change
 from twin.tracer import RANDOMISATIONS, SHARE, Part, Tracer
 
 #: Raised whenever the same variation would give other numbers.
-VERSION = 2
+VERSION = 3
 #: Sight lines of a geometry in each randomisation, a power of two: for scattered light alone, and for all of it.
-SAMPLES, _ALL_SAMPLES = 128, 512
+SAMPLES, _ALL_SAMPLES = 128, 256
 #: Geometries in one launch at most: bounds the memory.
 _TOGETHER = 4096
 Progress = Callable[[int], None]
@@ -90,6 +91,7 @@ class Workbench:
         self.samples, self.seed = samples, seed
         self._mesh: SurfaceMesh | None = None
         self._nominal_tracer: Tracer | None = None
+        self._flux: dict[bytes, FloatArray] = {}
 
     @property
     def mesh(self) -> SurfaceMesh:
@@ -120,6 +122,8 @@ class Workbench:
         variations: Sequence[Variation],
         columns: dict[str, FloatArray],
         progress: Progress | None = None,
+        *,
+        traced: bool = False,
     ) -> Light:
         """Detected flux over the Lambertian flux at the commanded geometry; the reference reading is not divided out.
 
@@ -129,6 +133,9 @@ class Workbench:
             Commanded geometries, from :func:`~twin.optics.geometry_columns`.
         progress
             Told the number of variations just done.
+        traced
+            Ray trace all light. Values by the two ways differ by more than those of like scenes: compare none with
+            the other; without this, every variation must be one for :meth:`by_quadrature`.
         """
         points = len(columns["sensor_zenith"])
         once, scattered = (np.empty((len(variations), points, RANDOMISATIONS)) for _ in range(2))
@@ -137,7 +144,7 @@ class Workbench:
         each = max(1, _TOGETHER // max(points, 1))
         for scene in self._scenes(variations):
             tracer = self._tracer(scene)
-            plate = pierced_plate(scene.dimensions, scene.chamfer_mm)
+            plate = None if traced else pierced_plate(scene.dimensions, scene.chamfer_mm)
             for start in range(0, len(scene.members), each):
                 members = scene.members[start : start + each]
                 first = np.array(scene.first_table[start : start + each])
@@ -147,27 +154,45 @@ class Workbench:
                 table = (first[:, None] + tables).ravel()
                 shape = (len(members), points, -1)
                 prepared = tracer.prepare(layout, table, keys=np.tile(keys, len(members)))
-                if plate is not None and served(layout):
+                samples = self.samples if plate is not None else max(self.samples, _ALL_SAMPLES)
+                if plate is not None:
                     direct = once_reflected(plate, scene.material, layout, table, scene.surface_factor)
-                    once[members] = direct.reshape(shape)
-                    samples = self.samples
+                    for place, member in enumerate(members):
+                        length, share = variations[member].transport
+                        if share:
+                            rows = np.arange(place * points, (place + 1) * points)
+                            moved = transported(plate, scene.material, layout.take(rows), table[rows], length)
+                            direct[rows] += share * moved
                 else:
-                    samples = max(self.samples, _ALL_SAMPLES)
                     direct = tracer.part(Part.PLATE_TOP, prepared, samples, seed=self.seed)
                     direct += tracer.part(Part.REFLECTED_ONCE, prepared, samples, seed=self.seed)
-                    once[members] = direct.reshape(shape)
+                once[members] = direct.reshape(shape)
                 rest = tracer.part(Part.SCATTERED, prepared, max(1, samples // SHARE[Part.SCATTERED]), seed=self.seed)
                 scattered[members] = rest.reshape(shape)
                 if progress is not None:
                     progress(len(members))
-        flux = lambertian_flux(
-            self.known.facility,
-            columns["illumination_zenith"],
-            columns["sensor_zenith"],
-            columns["sensor_azimuth"],
-            illumination_azimuth=columns["illumination_azimuth"],
-        )
+        flux = self._commanded_flux(columns)
         return Light(once / flux[:, None], scattered / flux[:, None])
+
+    def by_quadrature(self, variation: Variation) -> bool:
+        """Whether the quadrature of light reflected once knows this instrument and sample."""
+        dimensions = self._changed(variation)
+        zero = np.zeros(1)
+        names = ("illumination_zenith", "illumination_azimuth", "sensor_zenith", "sensor_azimuth")
+        layout = lay_out(self.known.facility, dict.fromkeys(names, zero), variation.setup)
+        return pierced_plate(dimensions) is not None and served(layout)
+
+    def _commanded_flux(self, columns: dict[str, FloatArray]) -> FloatArray:
+        key = b"".join(columns[name].tobytes() for name in COORDINATES)
+        if key not in self._flux:
+            self._flux[key] = lambertian_flux(
+                self.known.facility,
+                columns["illumination_zenith"],
+                columns["sensor_zenith"],
+                columns["sensor_azimuth"],
+                illumination_azimuth=columns["illumination_azimuth"],
+            )
+        return self._flux[key]
 
     def reference_change(self, setup: Setup) -> float:
         """Reference reading with an instrument that is off, over that of the nominal one."""
@@ -180,7 +205,8 @@ class Workbench:
             groups.setdefault(variation.scene_key(), []).append(number)
         for members in groups.values():
             first = variations[members[0]]
-            mesh, dimensions = self._changed_mesh(first)
+            dimensions = self._changed(first)
+            mesh = self._changed_mesh(first, dimensions)
             chamfer = sum(change.chamfer_mm for change in first.artifact)
             by_grid: dict[tuple[bytes, ...], list[tuple[int, Material]]] = {}
             for number in members:
@@ -195,16 +221,17 @@ class Workbench:
                 nominal = not (first.artifact or first.material or first.surface_factor)
                 yield _Scene(mesh, dimensions, chamfer, material, dict(first.surface_factor), members, starts, nominal)
 
-    def _changed_mesh(self, variation: Variation) -> tuple[SurfaceMesh, ArtifactDimensions]:
-        if not variation.artifact:
-            return self.mesh, self.known.artifact
+    def _changed(self, variation: Variation) -> ArtifactDimensions:
         dimensions = self.known.artifact
         for change in variation.artifact:
             dimensions = change.dimensions(dimensions)
+        return dimensions
+
+    def _changed_mesh(self, variation: Variation, dimensions: ArtifactDimensions) -> SurfaceMesh:
         mesh = self.mesh if dimensions is self.known.artifact else build_mesh(dimensions)
         for change in variation.artifact:
             mesh = change.mesh(mesh)
-        return mesh, dimensions
+        return mesh
 
     def _tracer(self, scene: _Scene) -> Tracer:
         if scene.nominal:

@@ -10,7 +10,7 @@ from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect
 
 
 class StrayLight(ReadingEffect):
-    """Signal added at every geometry, the reference's too, over the reference reading."""
+    """Signal added at every geometry, over the reference reading (which counts as read with it)."""
 
     name = "stray_light"
     title = "stray light"
@@ -19,7 +19,7 @@ class StrayLight(ReadingEffect):
     separated_by = "the same scan with a quarter of the light"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        return np.asarray((brf + values / run.signal_per_brf) / (1 + values))
+        return np.asarray(brf + values / run.signal_per_brf)
 
 
 class DarkOffset(ReadingEffect):

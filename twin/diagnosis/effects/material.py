@@ -11,6 +11,7 @@ from instrument.angles import FloatArray
 from twin.artifact import Surface
 from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.changes import Retroreflection, SpecularLobe
+from twin.diagnosis.direct_light import pierced_plate
 from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect, SceneEffect
 from twin.diagnosis.variation import Variation
 
@@ -114,6 +115,30 @@ class ReflectanceScale(SceneEffect):
     def variation(self, values: FloatArray) -> Variation:
         ratio = float(values[0])
         return Variation(surface_factor=tuple((surface, ratio) for surface in Surface))
+
+
+class Translucency(SceneEffect):
+    """A share of the light goes sideways inside the coating, by a mean length, before it leaves."""
+
+    name = "translucency"
+    title = "light goes sideways inside the coating"
+    parameters = (
+        Parameter("length_mm", "mm", 0.2, (0.02, 2.0), nominal=0.3, shape=True),
+        Parameter("fraction", "1", 0.2, (0.0, 1.0)),
+    )
+    nodes: ClassVar = (6, 3)
+    confused_with = ("field_of_view", "cavity_reflectance", "detector_nonlinearity", "edge_chamfer")
+    separated_by = "a pencil of light scanned across an edge, or the same scan with a smaller iris"
+
+    def not_applicable(self, known: Known) -> str:
+        return "" if pierced_plate(known.artifact) is not None else "the sample is a mesh, or its floor is not level"
+
+    def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
+        length, fraction = parameters
+        return np.geomspace(*length.cap, self.nodes[0]), np.linspace(*fraction.cap, self.nodes[1])
+
+    def variation(self, values: FloatArray) -> Variation:
+        return Variation(transport=(float(values[0]), float(values[1]))) if values[1] else Variation()
 
 
 class Anisotropy(ReadingEffect):
