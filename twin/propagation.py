@@ -23,7 +23,7 @@ _FIRST, _MOST = 256, 2**17
 #: Each round gives the designs that limit the accuracy so many times more sight lines.
 _MORE = 4
 #: Draws that are evaluated in one go.
-_CHUNK = 5
+_CHUNK = 10
 #: Told what is being done, how much of it is done, and how much there is.
 Progress = Callable[[str, int, int], None]
 

@@ -7,21 +7,25 @@ scene. With common random numbers the ray tracer's error nearly cancels from dif
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from instrument.angles import FloatArray
-from instrument.artifact import ArtifactDimensions
 from instrument.lambertian import lambertian_flux
-from twin.artifact import Surface, SurfaceMesh, build_mesh
 from twin.common_sampling import CommonShares, prepare_alike
 from twin.material import Material
+from twin.mould import Mould
 from twin.optics import Setup, lay_out, reference_change
 from twin.state_vector import Inputs, StateVector
+from twin.surface_mesh import Surface, SurfaceMesh
 from twin.tracer import RANDOMISATIONS, SHARE, Part, Tracer
 
+IntArray = NDArray[np.int64]
+#: Below so many sight lines a mesh, a scene that is ready sooner and slower to trace is the better one.
+_FEW_RAYS = 1_000_000
 #: Of each part of a reading so many times the sight lines asked for: light from the top of a plate costs the least.
 _MORE = {Part.PLATE_TOP: 2, Part.REFLECTED_ONCE: 1, Part.SCATTERED: 1}
 
@@ -54,12 +58,13 @@ class PlanRenderer:
     ) -> None:
         self.state, self.columns, self.seed = state, columns, seed
         self._surface_factor = surface_factor
-        self._mesh = build_mesh(state.nominal_inputs.artifact)
+        self._mould = Mould(state.nominal_inputs.artifact)
+        nominal_mesh = self._mould.mesh(state.nominal_inputs.artifact)
         self._tables = state.nominal_material.table_index(columns["wavelength"])
         self._shares: CommonShares | None = None
-        if self._mesh.plate is not None:
+        if nominal_mesh.plate is not None:
             layout = lay_out(state.facility, columns, state.nominal_inputs.setup)
-            self._shares = CommonShares.of(self._mesh.plate, layout)
+            self._shares = CommonShares.of(nominal_mesh.plate, layout)
         self._flux = lambertian_flux(
             state.facility,
             columns["illumination_zenith"],
@@ -99,21 +104,34 @@ class PlanRenderer:
         """
         each = 1 << max(0, int(np.ceil(np.log2(samples / RANDOMISATIONS))))
         result = np.empty((len(values), self.points, RANDOMISATIONS))
-        inputs = [self.state.inputs(np.asarray(value, dtype=float)) for value in values]
-        groups: dict[int, list[int]] = {}
-        for number, member in enumerate(inputs):
-            groups.setdefault(id(member.artifact), []).append(number)
-        for members in groups.values():
-            for start in range(0, len(members), self.batch):
-                chosen = members[start : start + self.batch]
-                result[chosen] = self._launch([inputs[number] for number in chosen], each)
+        for start in range(0, len(values), self.batch):
+            some = [self.state.inputs(np.asarray(v, dtype=float)) for v in values[start : start + self.batch]]
+            result[start : start + len(some)] = self._render(some, each)
         return result
 
-    def _launch(self, members: list[Inputs], samples: int) -> FloatArray:
-        """Evaluate inputs that share an artifact, shape (member, point, RANDOMISATIONS)."""
+    def _render(self, members: list[Inputs], samples: int) -> FloatArray:
+        """Evaluate inputs, shape (member, point, RANDOMISATIONS): those that share an artifact in one launch."""
+        material, first_table = self._together(members)
+        result = np.empty((len(members), self.points, RANDOMISATIONS))
+        groups: dict[int, list[int]] = {}
+        for number, member in enumerate(members):
+            groups.setdefault(id(member.artifact), []).append(number)
+        # The nominal plate says where light is looked for, whatever is traced: the same random numbers would choose
+        # other joints with a map of the openings for each plate, and an evaluation depend on its company.
+        mould = copy(self._mould)  # one that has to be made anew serves these evaluations only
+        mesh = mould.mesh(self.state.nominal_inputs.artifact)
+        quick = samples * RANDOMISATIONS * self.points < _FEW_RAYS
+        tracer = Tracer(mesh, material, surface_factor=self._surface_factor, quick=quick)
+        for chosen in groups.values():
+            mesh = mould.mesh(members[chosen[0]].artifact)
+            tracer.move(mesh)
+            result[chosen] = self._launch(tracer, mesh, [members[k] for k in chosen], first_table[chosen], samples)
+        return result
+
+    def _launch(
+        self, tracer: Tracer, mesh: SurfaceMesh, members: list[Inputs], first_table: IntArray, samples: int
+    ) -> FloatArray:
         count, points = len(members), self.points
-        mesh = self._mesh_of(members[0].artifact)
-        tracer, first_table = self._tracer(mesh, members)
         columns = {name: np.tile(column, count) for name, column in self.columns.items()}
         layout = lay_out(self.state.facility, columns, _side_by_side([m.setup for m in members], points))
         tables = (first_table[:, None] + self._tables).ravel()
@@ -128,14 +146,14 @@ class PlanRenderer:
         change = np.array([reference_change(self.state.facility, member.setup) for member in members])
         return radiance.reshape(count, points, RANDOMISATIONS) / (change[:, None] * self._flux)[..., None]
 
-    def _tracer(self, mesh: SurfaceMesh, members: list[Inputs]) -> tuple[Tracer, np.ndarray]:
-        """A tracer that holds every member's material, and where each member's tables begin."""
+    def _together(self, members: list[Inputs]) -> tuple[Material, IntArray]:
+        """Every member's material in one, and where each member's tables begin."""
         materials: dict[int, Material] = {}
         for member in members:
             if id(member.coupon_error) not in materials:
                 materials[id(member.coupon_error)] = self.state.material(member.coupon_error)
         place = {key: number for number, key in enumerate(materials)}
-        first = np.array([place[id(member.coupon_error)] for member in members])
+        first = np.array([place[id(member.coupon_error)] for member in members], dtype=np.int64)
         axes = next(iter(materials.values()))
         # Each surface's tables stay together: (surface material, evaluation and wavelength).
         tables = [m.brdf.reshape(axes.materials, -1, *axes.brdf.shape[1:]) for m in materials.values()]
@@ -144,11 +162,7 @@ class PlanRenderer:
         together = replace(
             axes, brdf=stack.reshape(-1, *axes.brdf.shape[1:]), wavelengths=np.arange(total, dtype=float)
         )
-        tracer = Tracer(mesh, together, surface_factor=self._surface_factor)
-        return tracer, first * each
-
-    def _mesh_of(self, artifact: ArtifactDimensions) -> SurfaceMesh:
-        return self._mesh if artifact is self.state.nominal_inputs.artifact else build_mesh(artifact)
+        return together, first * each
 
 
 @dataclass(frozen=True)

@@ -246,3 +246,15 @@ def test_the_command_prints_the_budget_and_writes_the_shares(tmp_path: Path) -> 
     prediction = read_prediction(tmp_path / "prediction.nc")
     assert np.all(prediction.u_brf > prediction.u_brf_monte_carlo)
     assert "material noise" in prediction.source.values
+
+
+def test_an_evaluation_does_not_depend_on_its_company(whole: StateVector) -> None:
+    """Alone, with others of its dimensions in one launch, or after other dimensions: the same numbers."""
+    renderer = PlanRenderer(whole, columns(0.0, [20.0, -50.0], 45.0), seed=2)
+    shape = np.concatenate([np.full(len(block), block.changes_shape) for block in whole.blocks])
+    drawn = whole.draw(3, 4)
+    values = [whole.nominal, *drawn[:2], *np.where(shape, whole.nominal, drawn[2:])]
+    together = renderer.render(values, 256)
+    assert renderer.alike(values) == ([0, 3, 4], [1, 2])
+    for value, expected in zip(values, together, strict=True):
+        np.testing.assert_allclose(renderer.render([value], 256)[0], expected, rtol=1e-9)
