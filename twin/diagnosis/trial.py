@@ -1,0 +1,215 @@
+"""Scores diagnoses against what was really wrong: by kind, by severity, by effect, with confidence intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+Kind = Literal["none", "single", "double", "outside"]
+#: A wrong claim with more probability than this is a confident one.
+CONFIDENT = 0.9
+_LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What was wrong in a run.
+
+    Attributes
+    ----------
+    effects
+        Names; empty for a sound run.
+    outside
+        Whether the cause is in no library.
+    severity
+        Of the noise-free gap.
+    family
+        How the stability of the run was correlated.
+    where
+        Points whose gap exceeds the uncertainty.
+    gap
+        Noise-free relative change of every point; empty where it is not known.
+    """
+
+    effects: tuple[str, ...]
+    outside: bool
+    severity: float
+    family: str
+    where: tuple[int, ...]
+    gap: tuple[float, ...] = ()
+
+    @property
+    def kind(self) -> Kind:
+        """What is asked of the diagnosis."""
+        if self.outside:
+            return "outside"
+        return "none" if not self.effects else "single" if len(self.effects) == 1 else "double"
+
+    @classmethod
+    def of(cls, label: Mapping[str, Any]) -> Truth:
+        """From the label of a case: names under ``effects``, and ``gap_over_u``, ``where``, ``delta`` where known."""
+        outside = label.get("outside") or ()
+        return cls(
+            tuple(label["effects"]),
+            bool(outside),
+            float(label.get("gap_over_u") or 0.0),
+            str(label.get("noise_family", label.get("kind", ""))),
+            tuple(int(point) for point in label.get("where") or ()),
+            tuple(float(value) for value in label.get("delta") or ()),
+        )
+
+
+@dataclass(frozen=True)
+class Score:
+    """One case: what was true and what was found.
+
+    Attributes
+    ----------
+    right
+        Sound run called none; class of the effect, or of both, named; a cause outside the library called unknown.
+    first
+        Whether the class of one true effect stands first, whatever else is said.
+    among_three
+        Whether every true effect is in the first three classes of the ranking.
+    confident
+        Whether effects were named with a probability above :data:`CONFIDENT`.
+    probability
+        Of the first named effect, 0 without one.
+    overlap
+        Intersection over union of found and true region; NaN where there is none.
+    shrink
+        On held-out slices.
+    """
+
+    name: str
+    truth: Truth
+    verdict: str
+    named: tuple[str, ...]
+    right: bool
+    first: bool
+    among_three: bool
+    confident: bool
+    probability: float
+    overlap: float
+    shrink: float
+
+
+def score(name: str, truth: Truth, found: Mapping[str, Any]) -> Score:
+    """Score a diagnosis, the content of a ``diagnosis.json``."""
+    verdict, named = str(found["verdict"]), list(found["effects"])
+    classes = [set(entry["class"]) for entry in named]
+    listed = [set(entry["class"]) for entry in found["ranking"][:3]]
+    first = verdict == "effects" and bool(classes) and bool(classes[0] & set(truth.effects)) and not truth.outside
+    right = {
+        "none": verdict == "none",
+        "single": first,
+        "double": verdict == "effects" and _matched(truth.effects, classes),
+        "outside": verdict == "unknown",
+    }[truth.kind]
+    probability = float(named[0]["probability"]) if named else 0.0
+    located = {point for region in found["where"] for point in region["points"]}
+    return Score(
+        name,
+        truth,
+        verdict,
+        tuple(entry["effect"] for entry in named),
+        right,
+        first,
+        all(any(effect in members for members in listed) for effect in truth.effects),
+        verdict == "effects" and probability > CONFIDENT,
+        probability,
+        _overlap(located, set(truth.where)),
+        float(found["gap"]["shrink"]),
+    )
+
+
+def _matched(effects: Sequence[str], classes: Sequence[set[str]]) -> bool:
+    """Whether each effect has a class of its own."""
+    if len(classes) < len(effects):
+        return False
+    first, second = effects
+    return any(
+        first in one and second in other for k, one in enumerate(classes) for j, other in enumerate(classes) if j != k
+    )
+
+
+def _overlap(found: set[int], true: set[int]) -> float:
+    union = found | true
+    return len(found & true) / len(union) if union else float("nan")
+
+
+def interval(successes: int, trials: int) -> tuple[float, float]:
+    """Confidence interval of a share (Clopper and Pearson), 95 %."""
+    from scipy.stats import beta
+
+    if not trials:
+        return 0.0, 1.0
+    tail = (1 - _LEVEL) / 2
+    low = float(beta.ppf(tail, successes, trials - successes + 1)) if successes else 0.0
+    high = float(beta.ppf(1 - tail, successes + 1, trials - successes)) if successes < trials else 1.0
+    return low, high
+
+
+@dataclass(frozen=True)
+class Row:
+    """A share with its interval."""
+
+    label: str
+    successes: int
+    trials: int
+
+    @property
+    def share(self) -> float:
+        """Point estimate, NaN of nothing."""
+        return self.successes / self.trials if self.trials else float("nan")
+
+    def text(self) -> str:
+        """For people."""
+        low, high = interval(self.successes, self.trials)
+        return f"{self.successes}/{self.trials} = {self.share:.2f} [{low:.2f}, {high:.2f}]"
+
+
+#: Severities that are told together: 0.75 to 1.5 is about 1.
+_BANDS = (("below 0.75", 0.0, 0.75), ("0.75 to 1.5", 0.75, 1.5), ("1.5 to 3", 1.5, 3.0), ("above 3", 3.0, np.inf))
+
+
+def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
+    """Tables of a trial: by kind, by severity and effect of single ones, false alarms by family of the noise."""
+    kinds = ("none", "single", "double", "outside")
+    single = [s for s in scores if s.truth.kind == "single"]
+    claims = [s for s in scores if s.confident]
+    return {
+        "right, by kind": [_row(kind, [s for s in scores if s.truth.kind == kind]) for kind in kinds],
+        "one effect: class right, by severity": [
+            _row(label, [s for s in single if low <= s.truth.severity < high]) for label, low, high in _BANDS
+        ],
+        "one effect: class among the first three": [
+            Row("all", sum(s.among_three for s in single), len(single)),
+        ],
+        "one effect: class right, by effect": [
+            _row(name, [s for s in single if s.truth.effects == (name,)])
+            for name in sorted({s.truth.effects[0] for s in single})
+        ],
+        "sound runs called none, by noise": [
+            _row(family, [s for s in scores if s.truth.kind == "none" and s.truth.family == family])
+            for family in sorted({s.truth.family for s in scores if s.truth.kind == "none"})
+        ],
+        "two effects: one of them first": [
+            Row("all", *_count([s.first for s in scores if s.truth.kind == "double"])),
+        ],
+        "confident claims right": [Row(f"above {CONFIDENT:g}", *_count([s.right for s in claims]))],
+        "outside the library: wrongly confident": [
+            Row("all", *_count([s.confident for s in scores if s.truth.kind == "outside"])),
+        ],
+    }
+
+
+def _row(label: str, scores: Sequence[Score]) -> Row:
+    return Row(label, *_count([s.right for s in scores]))
+
+
+def _count(flags: Sequence[bool]) -> tuple[int, int]:
+    return sum(flags), len(flags)

@@ -1,0 +1,174 @@
+"""``goniotwin blind-check``: how often the diagnosis is right, on cases whose effect it is not told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from twin.diagnosis.trial import Score, Truth
+
+
+def blind_check(
+    cases: Annotated[int, typer.Option(min=4, help="Number of cases to make.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Of the cases.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for cases, diagnoses and tables; goes on where it stopped.")] = Path(
+        "blind-check"
+    ),
+    runs: Annotated[
+        Path | None, typer.Option(help="Folder with runs made elsewhere, in place of making them.", show_default=False)
+    ] = None,
+    common: Annotated[
+        Path | None, typer.Option(help="Folder with facility.toml, artifact.toml, material.nc.", show_default=False)
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option(help="JSON with the truth of those runs, by name.", show_default=False)
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    cache: Annotated[Path | None, typer.Option(help="Folder for renderings.", show_default=False)] = None,
+    json: Annotated[Path | None, typer.Option(help="Write the scores here.", show_default=False)] = None,
+) -> None:
+    """Diagnose runs whose effect is withheld, then open the labels and print found against true.
+
+    The labels are committed by their digest before; the diagnosing processes are given the runs alone.
+    """
+    from instrument.errors import InputError
+    from instrument.output import check_writable
+
+    if json is not None:
+        check_writable(json)
+    if (runs is None) != (labels is None) or (runs is None) != (common is None):
+        raise InputError("--runs, --common and --labels: expected all three or none")
+    if runs is None:
+        _make(out, cases, seed, workers)
+        runs, common = out / "cases", out / "common"
+    assert common is not None
+    found = _diagnose(sorted(runs.glob("*.nc")), common, out / "diagnoses", cache, workers)
+    truths = _open_labels(out, labels)
+    _report(found, truths, json)
+
+
+def _make(out: Path, cases: int, seed: int, workers: int) -> None:
+    """Let the simulated laboratory write sealed cases, in a process of its own."""
+    import subprocess
+    import sys
+
+    from instrument.errors import InputError
+
+    command = [sys.executable, "-m", "instrument", "cases", "make", "--seed", str(seed), "--cases", str(cases)]
+    done = subprocess.run([*command, "--out", str(out), "--workers", str(workers)], check=False)
+    if done.returncode:
+        raise InputError(f"goniotwin cases make: exit status {done.returncode}; expected a complete set of cases")
+
+
+def _diagnose(
+    files: Sequence[Path], common: Path, out: Path, cache: Path | None, workers: int
+) -> dict[str, dict[str, Any]]:
+    """Diagnoses by the name of the run; those that are there already are kept."""
+    import json as codec
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    from rich.console import Console
+    from rich.progress import track
+
+    from instrument.errors import InputError
+
+    if not files:
+        raise InputError("no runs (*.nc) in the folder; expected at least one")
+    out.mkdir(parents=True, exist_ok=True)
+    todo = [file for file in files if not (out / f"{file.stem}.json").exists()]
+    if todo:
+        # The first alone: it renders what all others use.
+        diagnose_file(todo[0], common, out, cache)
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            rest = [pool.submit(diagnose_file, file, common, out, cache) for file in todo[1:]]
+            for job in track(rest, "diagnosing", console=Console(stderr=True)):
+                job.result()
+    return {file.stem: codec.loads((out / f"{file.stem}.json").read_text(encoding="utf-8")) for file in files}
+
+
+def diagnose_file(run: Path, common: Path, out: Path, cache: Path | None) -> None:
+    """Diagnose one run and write the result beside the others."""
+    from instrument.output import write_json
+    from twin.diagnosis.diagnose import diagnose
+    from twin.diagnosis.observation import read_observation
+    from twin.diagnosis.outcome import to_dict
+    from twin.diagnosis.preparation import Bench, Inputs
+    from twin.diagnosis.renders import default_cache
+
+    inputs = Inputs(common / "facility.toml", common / "artifact.toml", common / "material.nc")
+    prepared = Bench(inputs, cache or default_cache()).prepare(read_observation(run))
+    write_json(out / f"{run.stem}.json", to_dict(diagnose(prepared)))
+
+
+def _open_labels(out: Path, labels: Path | None) -> dict[str, Truth]:
+    """Labels by name: of a file, or of the sealed set after its digest was checked."""
+    import hashlib
+    import json as codec
+
+    from instrument.errors import InputError
+    from twin.diagnosis.trial import Truth
+
+    sealed = labels is None
+    file = out.with_name(out.name + "-labels") / "labels.json" if labels is None else labels
+    if not file.is_file():
+        raise InputError(f"{file}: not found; expected the labels of the runs")
+    content = file.read_bytes()
+    if sealed:
+        promised = (out / "labels.sha256").read_text(encoding="ascii").split()[0]
+        if hashlib.sha256(content).hexdigest() != promised:
+            raise InputError(f"{file}: not what {out / 'labels.sha256'} promised; expected unchanged labels")
+    found = codec.loads(content)
+    return {name: Truth.of(label) for name, label in found.get("labels", found).items()}
+
+
+def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], json: Path | None) -> None:
+    from dataclasses import asdict
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from instrument.output import write_json
+    from twin.diagnosis.trial import score, summary
+
+    scores = [score(name, truths[name], diagnosis) for name, diagnosis in found.items() if name in truths]
+    console = Console()
+    console.print(_cases_table(scores))
+    tables = summary(scores)
+    for title, rows in tables.items():
+        table = Table("", "share [95 %]", title=title)
+        for row in rows:
+            if row.trials:
+                table.add_row(row.label, row.text())
+        console.print(table)
+    if json is not None:
+        shares = {title: [asdict(row) for row in rows] for title, rows in tables.items()}
+        write_json(json, {"cases": [asdict(s) for s in scores], "tables": shares})
+        typer.echo(f"written: {json}")
+
+
+def _cases_table(scores: Sequence[Score]) -> Any:
+    from rich.table import Table
+
+    table = Table("case", "true", "severity", "found", "probability", "region", "shrink", "right", title="Cases")
+    for s in scores:
+        true = ("outside: " if s.truth.outside else "") + (" + ".join(s.truth.effects) or "none")
+        table.add_row(
+            s.name,
+            true,
+            f"{s.truth.severity:.2f}",
+            " + ".join(s.named) or s.verdict,
+            f"{s.probability:.2f}" if s.named else "",
+            f"{s.overlap:.2f}",
+            f"{s.shrink:.2f}",
+            "yes" if s.right else "NO",
+        )
+    return table
+
+
+__all__ = ["blind_check", "diagnose_file"]
