@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from instrument.angles import FloatArray
+from instrument.angles import FloatArray, direction
 from instrument.artifact import read_artifact
 from instrument.facility import read_facility
 from twin.diagnosis.acquisition import acquisition_of
@@ -36,6 +36,8 @@ STANDARD_ERROR = 0.001
 _COMPONENTS = 40
 #: Relative standard deviation of what interpolation between the coupon's geometries leaves, and over how many degrees.
 MODEL_ERROR, MODEL_LENGTH = 0.002, 20.0
+#: The same at exact retro-reflection (what held-out readings there show), and the angle at which it has fallen to 1/e.
+RETRO_ERROR, RETRO_LENGTH = 0.01, 8.0
 #: Raised whenever the same inputs would give other numbers.
 VERSION = 1
 Told = Callable[[str, float], None]
@@ -152,9 +154,16 @@ def _of_material(name: str) -> bool:
 
 
 def model_error(run: Observation) -> FloatArray:
-    """What the twin's reflection model leaves, smooth over directions: columns, shape (point, column)."""
-    smooth = over_directions(run, MODEL_LENGTH)
-    return low_rank(MODEL_ERROR**2 * smooth)[0]
+    """What the twin's reflection model leaves: columns, shape (point, column).
+
+    Smooth over directions, and more towards retro-reflection, where no coupon can be measured.
+    """
+    columns = run.columns
+    view = direction(columns["sensor_zenith"], columns["sensor_azimuth"])
+    light = direction(columns["illumination_zenith"], columns["illumination_azimuth"])
+    gap = np.rad2deg(np.arccos(np.clip(np.sum(view * light, axis=1), -1.0, 1.0)))
+    smooth = low_rank(MODEL_ERROR**2 * over_directions(run, MODEL_LENGTH))[0]
+    return np.concatenate([smooth, (RETRO_ERROR * np.exp(-gap / RETRO_LENGTH))[:, None]], axis=1)
 
 
 def low_rank(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
