@@ -118,7 +118,7 @@ class RenderStore:
     def _load(self, path: Path) -> tuple[FloatArray, Rendered] | None:
         """Geometries and renderings of a file; None, and a word in the log, if it is damaged."""
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with path.open("rb") as handle, np.load(handle, allow_pickle=False) as data:
                 rows, parts = data["geometry"], {name: data[name].astype(float) for name in _ARRAYS}
         except FileNotFoundError:
             return None

@@ -1,0 +1,169 @@
+"""Responses of effects: closed forms on a flat Lambertian sample, tables against direct renderings, the cache."""
+
+from __future__ import annotations
+
+import logging
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from traced_samples import artifact, columns, facility, flat
+
+from twin.artifact import build_mesh
+from twin.diagnosis.acquisition import Acquisition, travel_direction
+from twin.diagnosis.chamfer import chamfered
+from twin.diagnosis.direct_light import once_reflected, pierced_plate
+from twin.diagnosis.effects import SceneEffect, effect
+from twin.diagnosis.renders import RenderStore
+from twin.diagnosis.responses import AnyResponse, cardinal_spline, responses
+from twin.diagnosis.transport import transported
+from twin.diagnosis.variation import Variation, together
+from twin.diagnosis.workbench import Workbench
+from twin.material import lambertian
+from twin.optics import Setup, lay_out
+
+#: A narrow beam inside a wide field of view: the footprint stays inside the target at every angle.
+OVERFILLED = facility(4.0, target=40.0)
+PLANE = columns(0.0, np.array([70.0, 45.0, 20.0, -20.0, -45.0, -70.0]), 0.0)
+HOLES = [(x, y, 2.55) for x, y in product((-3.6, 0.0, 3.6), repeat=2)]
+
+
+def run_of(where: dict) -> Acquisition:
+    count = len(where["sensor_zenith"])
+    order = np.arange(count)
+    previous = np.concatenate([order[:1], order[:-1]])
+    azimuth = np.array([0.0, 45.0, 90.0, 135.0])
+    return Acquisition(where, np.ones(count), 15.0, azimuth, previous, travel_direction(where, order))
+
+
+def response(name: str, where: dict, bench: Workbench, folder: Path | None = None) -> AnyResponse:
+    run = run_of(where)
+    found = responses(run, np.full(len(run), 0.5), RenderStore(bench, folder), effects=[effect(name)])
+    return found.found[name]
+
+
+@pytest.fixture(scope="module")
+def flat_bench() -> Workbench:
+    return Workbench(OVERFILLED, flat(), lambertian(0.6), samples=1)
+
+
+def test_tilt_of_a_flat_sample_has_the_tangent_of_the_view(flat_bench: Workbench):
+    # A normal turned by t towards the view at u: flux goes with 1/cos of the view and the cosine of the light.
+    u, tilt = np.deg2rad(PLANE["sensor_zenith"]), np.deg2rad(0.5)
+    expected = np.cos(u) / np.cos(u - tilt) * np.cos(tilt)
+    found = response("sample_tilt", PLANE, flat_bench).relative(np.array([[0.0, 0.5]]))[0]
+    np.testing.assert_allclose(found, 1 / (expected / np.cos(tilt) ** 2) - 1, atol=2e-4)
+
+
+def test_sensor_zenith_offset_keeps_the_tangent_and_the_reference(flat_bench: Workbench):
+    u, off = np.deg2rad(PLANE["sensor_zenith"]), np.deg2rad(0.5)
+    expected = np.cos(u + off) / np.cos(u) / (np.cos(np.deg2rad(15.5)) / np.cos(np.deg2rad(15)))
+    found = response("sensor_zenith_offset", PLANE, flat_bench).relative(np.array([[0.5]]))[0]
+    np.testing.assert_allclose(found, expected - 1, atol=3e-4)
+
+
+def test_backlash_has_opposite_signs_for_opposite_travel(flat_bench: Workbench):
+    down = response("backlash", PLANE, flat_bench).relative(np.array([[1.0]]))[0]
+    upwards = {name: column[::-1].copy() for name, column in PLANE.items()}
+    up = response("backlash", upwards, flat_bench).relative(np.array([[1.0]]))[0][::-1]
+    # Downwards the true zenith is smaller than commanded by half a degree.
+    expected = np.cos(np.deg2rad(PLANE["sensor_zenith"] - 0.5)) / np.cos(np.deg2rad(PLANE["sensor_zenith"])) - 1
+    np.testing.assert_allclose(down, expected, atol=3e-4)
+    np.testing.assert_allclose(up, -down, atol=2e-3)
+
+
+def test_reflectance_of_a_flat_coating_is_a_scale(flat_bench: Workbench):
+    found = response("reflectance_scale", PLANE, flat_bench).relative(np.array([[0.93]]))[0]
+    np.testing.assert_allclose(found, -0.07, atol=1e-4)
+
+
+def test_derivative_is_the_slope_of_the_response(flat_bench: Workbench):
+    found = response("sensor_zenith_offset", PLANE, flat_bench)
+    slope = -np.tan(np.deg2rad(PLANE["sensor_zenith"])) + np.tan(np.deg2rad(15))
+    np.testing.assert_allclose(found.derivative()[0], np.deg2rad(slope), atol=2e-4)
+
+
+def test_cardinal_spline_follows_a_smooth_function_between_nodes():
+    nodes = np.linspace(-2, 2, 7)
+    x = np.linspace(-2, 2, 41)
+    np.testing.assert_allclose(cardinal_spline(nodes)(x) @ np.sin(nodes), np.sin(x), atol=0.01)
+    np.testing.assert_allclose(cardinal_spline(nodes)(nodes), np.eye(7), atol=1e-12)
+
+
+def test_joined_variations_add_their_setups():
+    both = together(Variation(Setup(tilt_x_deg=1.0)), effect("cavity_reflectance").variation(np.array([0.9])))
+    assert both.setup.tilt_x_deg == 1.0
+    assert len(both.surface_factor) == 3
+
+
+def test_chamfer_leaves_the_solid_closed_and_takes_the_ring_of_the_cone():
+    mesh = build_mesh(artifact(HOLES))
+    cut = chamfered(mesh, 0.1)
+    ring = np.pi * (1.275 * 0.1**2 + 0.1**3 / 3)
+    assert cut.open_edges() == 0
+    assert (mesh.volume() - cut.volume()) / len(HOLES) == pytest.approx(ring, rel=3e-3)
+
+
+def test_light_reflected_once_by_a_plate_seen_and_lit_along_the_normal_is_closed_form():
+    # Nothing is hidden: top and floor have the same irradiance and BRDF, so the holes do not show.
+    bench, where = facility(8.0, target=40.0), columns(0.0, [0.0], 0.0)
+    layout = lay_out(bench, where)
+    pierced = once_reflected(pierced_plate(artifact(HOLES)), lambertian(0.6), layout, np.zeros(1, int), nodes=2000)
+    whole = once_reflected(pierced_plate(flat()), lambertian(0.6), layout, np.zeros(1, int))
+    assert whole[0] == pytest.approx(0.6 * (8 / 40) ** 2, rel=1e-3)
+    assert pierced[0] == pytest.approx(whole[0], rel=5e-3)
+
+
+def test_light_that_goes_sideways_stays_on_a_flat_sample_that_is_seen_whole():
+    layout = lay_out(OVERFILLED, columns(0.0, np.array([0.0, 40.0]), 0.0))
+    plate, coating, table = pierced_plate(flat()), lambertian(0.6), np.zeros(2, int)
+    moved = transported(plate, coating, layout, table, 0.1) / once_reflected(plate, coating, layout, table)
+    np.testing.assert_allclose(moved, 0, atol=1e-3)
+
+
+def test_damaged_file_is_rendered_again_and_said(
+    flat_bench: Workbench, tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    first = response("sensor_zenith_offset", PLANE, flat_bench, tmp_path).relative(np.array([[1.0]]))
+    (kept,) = (tmp_path / "responses").glob("*.npz")
+    kept.write_bytes(kept.read_bytes()[:200])
+    with caplog.at_level(logging.WARNING):
+        again = response("sensor_zenith_offset", PLANE, flat_bench, tmp_path).relative(np.array([[1.0]]))
+    assert "rendered again" in caplog.text
+    np.testing.assert_array_equal(again, first)
+
+
+def test_subset_of_a_plan_needs_no_rendering(flat_bench: Workbench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    whole = response("sensor_zenith_offset", PLANE, flat_bench, tmp_path).relative(np.array([[1.0]]))
+    monkeypatch.setattr(Workbench, "render", None)
+    some = {name: column[[4, 1]] for name, column in PLANE.items()}
+    part = response("sensor_zenith_offset", some, flat_bench, tmp_path).relative(np.array([[1.0]]))
+    np.testing.assert_array_equal(part, whole[:, [4, 1]])
+
+
+def test_points_added_to_a_plan_join_those_kept(flat_bench: Workbench, tmp_path: Path):
+    some = {name: column[:3] for name, column in PLANE.items()}
+    response("sensor_zenith_offset", some, flat_bench, tmp_path)
+    other = {name: column[2:] for name, column in PLANE.items()}
+    response("sensor_zenith_offset", other, flat_bench, tmp_path)
+    store = RenderStore(flat_bench, tmp_path)
+    assert isinstance(effect("sample_height"), SceneEffect)
+    kept = np.load(next((tmp_path / "responses").glob("*.npz")))
+    assert len(kept["geometry"]) == len(PLANE["sensor_zenith"])
+    assert store.missing([[Variation(Setup(height_mm=1.0))]], PLANE) == 1
+
+
+@pytest.mark.slow
+def test_table_reproduces_renderings_between_its_nodes():
+    bench = Workbench(facility(mirror=10.8, profile="gaussian"), artifact(), lambertian(0.6), samples=32)
+    where = columns(np.repeat([0.0, 30.0], 4), np.tile([-65.0, -25.0, 15.0, 55.0], 2), np.repeat([0.0, 60.0], 4))
+    run, store = run_of(where), RenderStore(bench, None)
+    for name, values in (("sample_tilt", [0.8, -1.1]), ("beam_offset", [0.5, 0.9]), ("hole_diameter", [0.13])):
+        scene = effect(name)
+        assert isinstance(scene, SceneEffect)
+        found = responses(run, np.ones(len(run)), store, effects=[scene]).found[name]
+        variation = scene.variation(np.array(values))
+        direct = store.get([[variation]], where)[0].log_ratio(where)[0]
+        direct = direct - np.log(bench.reference_change(variation.reference_setup()))
+        np.testing.assert_allclose(found.log_ratio(np.array([values]))[0], direct, atol=6e-3)
