@@ -9,7 +9,7 @@ from typing import Any
 import tomli_w
 
 from instrument.facility import Facility
-from sim_fixtures.room import AZ_ADDRESS, IO_ADDRESS, SMC100_ADDRESSES
+from sim_fixtures.room import AZ_ADDRESS, ESP301_AXES, IO_ADDRESS, SMC100_ADDRESSES
 
 #: Arms: degree/s, degree/s^2; a step of 5 degrees takes 1.4 s.
 _ARM = {"velocity": 20.0, "acceleration": 10.0}
@@ -42,6 +42,24 @@ def write_devices(path: Path, ports: Mapping[str, str], meter: int, speed: float
     path.write_text("# Connections of the simulated laboratory.\n" + tomli_w.dumps(form), encoding="utf-8")
 
 
+def write_alternative(path: Path, ports: Mapping[str, str], meter: int, speed: float, facility: Facility) -> None:
+    """The same room with all three arms on an ESP301; parameters as in :func:`write_devices`."""
+    arms = {
+        name: {"driver": "newport-esp301", "line": "esp301", "axis": number, "tolerance": 0.02}
+        | _travel(facility, name)
+        for number, name in ESP301_AXES.items()
+    }
+    lines = {name: line for name, line in _lines(ports, meter).items() if not name.endswith(("-arms", "-arm"))}
+    lines["esp301"] = {"kind": "serial", "port": ports["esp301"], "baudrate": 19200, "rtscts": True, "timeout": 1.0}
+    form = {
+        "version": 1,
+        "clock": {"speed": float(speed)},
+        "lines": lines,
+        "devices": arms | _optics() | _detection(),
+    }
+    path.write_text("# The simulated laboratory, its arms on an ESP301.\n" + tomli_w.dumps(form), encoding="utf-8")
+
+
 def _lines(ports: Mapping[str, str], meter: int) -> dict[str, Any]:
     # Replies may wait for the optical model on a busy machine: time-outs leave room for that. Lines run at the highest
     # rate the devices can be set to: Modbus clients keep a silence of some characters, which no clock makes faster.
@@ -67,10 +85,7 @@ def _lines(ports: Mapping[str, str], meter: int) -> dict[str, Any]:
 
 
 def _arms(facility: Facility) -> dict[str, Any]:
-    travel = {}
-    for name in ("illumination_zenith", "sensor_azimuth", "sensor_zenith"):
-        lower, upper = getattr(facility.arms, name)
-        travel[name] = {"lower": float(lower), "upper": float(upper), **_ARM}
+    travel = {name: _travel(facility, name) for name in ESP301_AXES.values()}
     azimuth, zenith = sorted(SMC100_ADDRESSES, key=lambda address: SMC100_ADDRESSES[address])
     smc100 = {"driver": "newport-smc100", "line": "sensor-arms", "tolerance": 0.002}
     return {
@@ -85,6 +100,11 @@ def _arms(facility: Facility) -> dict[str, Any]:
         "sensor_azimuth": smc100 | {"address": azimuth} | travel["sensor_azimuth"],
         "sensor_zenith": smc100 | {"address": zenith} | travel["sensor_zenith"],
     }
+
+
+def _travel(facility: Facility, arm: str) -> dict[str, Any]:
+    lower, upper = getattr(facility.arms, arm)
+    return {"lower": float(lower), "upper": float(upper), **_ARM}
 
 
 def _optics() -> dict[str, Any]:

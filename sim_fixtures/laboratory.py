@@ -16,7 +16,7 @@ from instrument.errors import InputError
 from instrument.facility import read_facility
 from instrument.laboratories import Inputs
 from instrument.operators import Mounted
-from sim_fixtures.connections import write_devices
+from sim_fixtures.connections import write_alternative, write_devices
 from sim_fixtures.control import ControlClient
 
 #: Wall-clock seconds within which the process must answer; a first start compiles the optical model.
@@ -122,7 +122,8 @@ def start_simulated(
     process = _start(folder.resolve(), inputs, speed, seed, flux)
     try:
         endpoints = _wait_until_ready(process, folder / _LOG)
-        write_devices(inputs.devices, endpoints["ports"], endpoints["meter"], speed, instrument)
+        for name, write in (("devices.toml", write_devices), ("devices-esp301.toml", write_alternative)):
+            write(folder / name, endpoints["ports"], endpoints["meter"], speed, instrument)
         return SimulatedLaboratory(inputs, process, endpoints)
     except BaseException:
         end_process(process)

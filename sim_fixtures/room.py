@@ -12,6 +12,7 @@ from sim_fixtures.devices.keysight_34465a import Multimeter
 from sim_fixtures.devices.modbus_io import IoModule
 from sim_fixtures.devices.modbus_line import ModbusLine
 from sim_fixtures.devices.newport_chain import Smc100Chain
+from sim_fixtures.devices.newport_esp301 import Esp301
 from sim_fixtures.devices.nkt_interbus import Interbus
 from sim_fixtures.devices.oriental_az import AzDrive
 from sim_fixtures.devices.scpi_socket import ScpiServer
@@ -20,6 +21,9 @@ from sim_fixtures.devices.wire import Faults, SerialLine
 #: Address of each arm on its line.
 SMC100_ADDRESSES = {1: "sensor_azimuth", 2: "sensor_zenith"}
 AZ_ADDRESS, IO_ADDRESS = 1, 1
+#: The same arms once more, behind a controller of their own: a room uses either this line or the two others.
+ESP301_AXES = {1: "sensor_azimuth", 2: "sensor_zenith", 3: "illumination_zenith"}
+_SERIAL = ("sensor-arms", "illumination-arm", "laser", "io", "esp301")
 
 #: Line of every role, so that a fault may be asked for by either name.
 LINE_OF_ROLE = {
@@ -55,12 +59,12 @@ class Room:
 
     def __init__(self, bench: Bench, folder: Path) -> None:
         self.bench = bench
-        self._lines = {
-            name: SerialLine(folder / f"{name}.tty") for name in ("sensor-arms", "illumination-arm", "laser", "io")
-        }
+        self._lines = {name: SerialLine(folder / f"{name}.tty") for name in _SERIAL}
         self._chain, self._bus = Smc100Chain(bench, SMC100_ADDRESSES), Interbus(bench)
         self._drive, self._io = AzDrive(bench, "illumination_zenith", AZ_ADDRESS), IoModule(bench, IO_ADDRESS)
+        self._esp301 = Esp301(bench, ESP301_AXES)
         self._lines["sensor-arms"].serve(self._chain)
+        self._lines["esp301"].serve(self._esp301)
         self._lines["laser"].serve(self._bus)
         self._modbus = [
             ModbusLine(self._lines["illumination-arm"], [self._drive.slave]),
@@ -94,7 +98,7 @@ class Room:
         ``state``                                    the whole state of the bench
         ``motion_commands``                          motion commands (homing too) seen on the wire, by axis
         ``stall`` axis, count                        the next motions stop half-way and the drive does not notice
-        ``alarm`` axis                               following error (SMC100), overload alarm (AZ)
+        ``alarm`` axis                               following error (SMC100, ESP301), overload alarm (AZ)
         ``limit_switch`` axis, direction             -1 or 1 closes a limit switch, 0 releases it
         ``lose_requests`` device, count              requests that never arrive
         ``drop_replies`` device, count               replies that never arrive
@@ -132,7 +136,7 @@ class Room:
     def _line(self, device: str) -> str:
         line = LINE_OF_ROLE.get(device, device)
         if line not in self._lines and line != "meter":
-            known = sorted({*LINE_OF_ROLE, *LINE_OF_ROLE.values()})
+            known = sorted({*LINE_OF_ROLE, *self._lines, "meter"})
             raise ValueError(f"device: found {device!r}; expected one of {known}")
         return line
 
@@ -154,7 +158,8 @@ class Room:
 
     def _alarm(self, axis: str) -> None:
         with self.bench.lock:
-            controller = self._chain.of_axis(self._axis(axis))
+            self._esp301.fault(self._axis(axis))
+            controller = self._chain.of_axis(axis)
             if controller is not None:
                 controller.fault("following error")
             else:

@@ -20,7 +20,7 @@ from drivers.lines import OpenLine
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "devices.example.toml"
 DRIVERS = {
-    "newport-smc100", "oriental-az", "nkt-superk", "nkt-select", "nkt-varia", "keysight-34465a", "femto",
+    "newport-esp301", "newport-smc100", "oriental-az", "nkt-superk", "nkt-select", "nkt-varia", "keysight-34465a", "femto",
     "modbus-shutter",
 }  # fmt: skip
 
