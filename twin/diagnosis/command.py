@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from twin.diagnosis.diagnose import Diagnosis
+    from twin.diagnosis.parity import Parity
     from twin.diagnosis.preparation import Inputs
 
 
@@ -26,27 +27,84 @@ def diagnose_command(
     cache: Annotated[
         Path | None, typer.Option(help="Folder for renderings; by default the user's.", show_default=False)
     ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            help="Mapping (TOML) of the columns of another laboratory's table; tests its symmetries.",
+            show_default=False,
+        ),
+    ] = None,
+    symmetry: Annotated[
+        str, typer.Option(help="Of the sample when turned: isotropic, fourfold, twofold or mirror (none but that).")
+    ] = "fourfold",
+    wavelength: Annotated[
+        float | None, typer.Option(help="Test the symmetries at this wavelength alone, nm.", show_default=False)
+    ] = None,
 ) -> None:
-    """Say where a run and its simulation differ, which effect causes it, and how far the gap shrinks once it is added."""
+    """Say where a run and its simulation differ, which effect causes it, and how far the gap shrinks once it is added.
+
+    Without --artifact, --material and --facility the run's symmetries alone are tested, which needs no simulation.
+    """
     from instrument.output import check_writable
 
     for file in (json, prediction):
         if file is not None:
             check_writable(file)
     inputs = _inputs(run, {"facility": facility, "artifact": artifact, "material": material})
+    if inputs is None or columns is not None:
+        _check_alone({"--prediction": prediction}, inputs, columns)
+        _symmetries_alone(run, columns, symmetry, wavelength, json)
+        return
     diagnosis = _diagnose(run, inputs, cache)
-    _tell(diagnosis)
-    _write(diagnosis, json, prediction)
+    found = _parity(diagnosis, symmetry, wavelength)
+    _tell(diagnosis, found)
+    _write(diagnosis, found, json, prediction)
 
 
-def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs:
-    """Files of the twin: those named, else those that the scan left in its run folder."""
+def _check_alone(outputs: dict[str, Path | None], inputs: Inputs | None, columns: Path | None) -> None:
+    from instrument.errors import InputError
+
+    if inputs is not None:
+        raise InputError(f"--columns {columns}: tests symmetries alone; expected no --artifact, --material, --facility")
+    asked = [name for name, path in outputs.items() if path is not None]
+    if asked:
+        raise InputError(f"{', '.join(asked)}: need a twin; expected --artifact, --material and --facility")
+
+
+def _symmetries_alone(
+    run: Path, columns: Path | None, symmetry: str, wavelength: float | None, json: Path | None
+) -> None:
+    from instrument.output import write_json
+    from twin.diagnosis.parity_only import in_words, read_table, symmetries_of, to_dict
+
+    observation = read_table(run, columns)
+    found = symmetries_of(observation, symmetry, wavelength)
+    typer.echo(f"{run.name}: {len(observation)} points; no twin is named, so only symmetries are tested")
+    for line in in_words(found):
+        typer.echo(line)
+    for note in observation.notes:
+        typer.echo(f"{run.name}: {note}")
+    if json is not None:
+        write_json(json, {"parity": to_dict(found), "notes": list(observation.notes)})
+        typer.echo(f"written: {json}")
+
+
+def _parity(diagnosis: Diagnosis, symmetry: str, wavelength: float | None) -> tuple[Parity, ...]:
+    from twin.diagnosis.parity_only import symmetries_of
+
+    return symmetries_of(diagnosis.prepared.problem.run, symmetry, wavelength)
+
+
+def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs | None:
+    """Files of the twin: those named, else those that the scan left in its run folder; None where there are none."""
     from instrument.errors import InputError
     from twin.compare_command import kept_input
     from twin.diagnosis.preparation import Inputs
 
     if run.is_dir():
         named = {name: path or kept_input(run, name) for name, path in named.items()}
+    if not any(named.values()):
+        return None
     missing = [f"--{name}" for name, path in named.items() if path is None]
     if missing:
         raise InputError(f"{', '.join(missing)} missing; expected the files that the twin is made from")
@@ -54,9 +112,9 @@ def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs:
 
 
 def _diagnose(run: Path, inputs: Inputs, cache: Path | None) -> Diagnosis:
+    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from rich.console import Console
     from twin.diagnosis.diagnose import diagnose
     from twin.diagnosis.observation import read_observation
     from twin.diagnosis.preparation import Bench
@@ -72,14 +130,15 @@ def _diagnose(run: Path, inputs: Inputs, cache: Path | None) -> Diagnosis:
         return diagnose(prepared, lambda what, share: bar.update(task, description=what, completed=0.6 + 0.4 * share))
 
 
-def _tell(diagnosis: Diagnosis) -> None:
+def _tell(diagnosis: Diagnosis, symmetries: tuple[Parity, ...]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from twin.diagnosis import parity_only
     from twin.diagnosis.outcome import in_words
 
     console = Console()
-    for line in in_words(diagnosis):
+    for line in [*in_words(diagnosis), *parity_only.in_words(symmetries)]:
         console.print(line, markup=False, highlight=False)
     table = Table("effect", "probability", "cannot be told from", title="Ranking")
     for named in diagnosis.decision.ranking[:6]:
@@ -91,13 +150,14 @@ def _tell(diagnosis: Diagnosis) -> None:
         console.print(f"not looked for: {effect} ({reason})", markup=False, highlight=False)
 
 
-def _write(diagnosis: Diagnosis, json: Path | None, prediction: Path | None) -> None:
+def _write(diagnosis: Diagnosis, symmetries: tuple[Parity, ...], json: Path | None, prediction: Path | None) -> None:
     from instrument.dataset import write_prediction
     from instrument.output import write_json
+    from twin.diagnosis import parity_only
     from twin.diagnosis.outcome import predictions, to_dict
 
     if json is not None:
-        write_json(json, to_dict(diagnosis))
+        write_json(json, to_dict(diagnosis) | {"parity": parity_only.to_dict(symmetries)})
         typer.echo(f"written: {json}")
     if prediction is not None:
         write_prediction(predictions(diagnosis), prediction)

@@ -1,64 +1,51 @@
 """Symmetries that a sound run has whatever the sample reflects: a test without any simulation.
 
 Of a sample that looks the same in a mirror along the plane of incidence, directions on either side of that plane
-reflect alike; at normal incidence so do opposite directions, and for a sample of fourfold symmetry those a quarter turn
-apart. At the sensor's zenith 0 its azimuth does not matter at all. What breaks these symmetries is an error of pose, of
-an arm, of polarisation or of time, and hardly ever one of material or dimensions.
+reflect alike; at normal incidence so do opposite directions, for a sample of fourfold symmetry those a quarter turn
+apart, and for one without any structure all of a zenith. At the sensor's zenith 0 its azimuth does not matter at all.
+What breaks these symmetries is an error of pose, of an arm, of polarisation or of time, and hardly ever one of material
+or dimensions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from instrument.angles import FloatArray, direction
+from twin.diagnosis import parity_nadir
 from twin.diagnosis.covariance import structures
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.parity_nadir import Nadir, at_nadir
+from twin.diagnosis.parity_terms import Term, fit_terms, square
 
+__all__ = ["Nadir", "Parity", "Symmetry", "Term", "equal_pairs", "parities", "parity"]
+
+#: How the sample looks when it is turned about its normal; all have a mirror along every plane of incidence.
+Symmetry = Literal["isotropic", "fourfold", "twofold", "mirror"]
 #: Directions closer than this are the same, degree; illumination zeniths below it are normal incidence.
 _SAME = 0.05
 _LEVEL = 0.05
+#: Points that are tested together at most: their number squared is the cost.
+MOST_POINTS = 500
+#: A reading that differs by more than this from its like, and so many times more than nine in ten do, has failed.
+_DROP_OUT, _DROP_OUT_RATIO = 0.1, 8.0
 IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Term:
-    """A simple cause of asymmetry, and how large it would have to be.
-
-    Attributes
-    ----------
-    name, meaning
-        In words.
-    unit
-        Of the amplitude.
-    amplitude, u
-        With standard uncertainty (k = 1).
-    p_value
-        Probability of an amplitude so far from zero by chance, after the number of terms that were tried.
-    explained
-        Share of the asymmetry's chi-square beyond chance that the term explains.
-    """
-
-    name: str
-    meaning: str
-    unit: str
-    amplitude: float
-    u: float
-    p_value: float
-    explained: float
-
-
-@dataclass(frozen=True)
 class Parity:
-    """What the symmetries of a run say.
+    """What the symmetries of a run say, at one wavelength.
 
     Attributes
     ----------
+    wavelength
+        nm; NaN where the run names none.
     pairs, shape (pair, 2)
         Points that should read alike.
     asymmetry, u_asymmetry, shape (pair,)
@@ -67,98 +54,166 @@ class Parity:
         Over the pairs, and probability of more by chance, averaged over how stability may be correlated.
     terms
         Simple causes, the best first; empty without pairs.
+    nadir
+        What the azimuth does at sensor zenith 0.
+    drop_outs
+        Points left out because their reading has failed.
+    notes
+        What else was left out.
     """
 
+    wavelength: float
     pairs: IntArray
     asymmetry: FloatArray
     u_asymmetry: FloatArray
     chi_square: float
     p_value: float
     terms: tuple[Term, ...]
+    nadir: tuple[Nadir, ...] = ()
+    drop_outs: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    notes: tuple[str, ...] = ()
+
+    @property
+    def broken(self) -> bool:
+        """Whether the run is less symmetric than its uncertainty explains."""
+        return bool(len(self.pairs)) and self.least_p < _LEVEL
+
+    @property
+    def least_p(self) -> float:
+        """The smaller probability: of the scatter of all pairs, or of the best simple cause; doubled for two tests."""
+        best = self.terms[0].p_value if self.terms else 1.0
+        return float(min(1.0, 2 * min(self.p_value, best)))
 
     def in_words(self) -> list[str]:
         """What the test suggests, and what it cannot confirm."""
         if not len(self.pairs):
             return ["Parity: the run holds no two directions that symmetry makes equal; nothing can be said."]
         size = 100 * float(np.sqrt(np.mean(self.asymmetry**2)))
-        text = f"Parity of {len(self.pairs)} pairs of directions: asymmetry {size:.2f} % (root mean square)"
-        if self.p_value >= _LEVEL and not (self.terms and self.terms[0].p_value < _LEVEL):
-            return [f"{text}, no more than its uncertainty explains (p = {self.p_value:.2g})."]
-        lines = [f"{text}, more than its uncertainty explains (p = {min(self.p_value, self.terms[0].p_value):.2g})."]
+        at = "" if np.isnan(self.wavelength) else f" at {self.wavelength:g} nm"
+        text = f"Parity of {len(self.pairs)} pairs of directions{at}: asymmetry {size:.2f} % (root mean square)"
+        if not self.broken:
+            return [f"{text}, no more than noise and stability explain (p = {self.least_p:.2g}).", *self.notes]
+        lines = [f"{text}, more than noise and stability explain (p = {self.least_p:.2g})."]
         for term in self.terms[:2]:
             if term.p_value < _LEVEL:
                 lines.append(
                     f"It has the form of {term.meaning}: {term.amplitude:.3g} +- {term.u:.2g} {term.unit},"
                     f" {100 * term.explained:.0f} % of what is beyond chance."
                 )
+        lines.append("The alignment's own uncertainty is not taken off: a term within it is no fault.")
+        lines += parity_nadir.in_words(self.nadir)
         lines.append(
-            "Symmetry alone cannot confirm the cause: a wedge or an uneven sample breaks it like a tilt; errors that keep"
-            " the symmetry (material, dimensions, height, stray light, linearity) do not show here."
+            "Symmetry alone cannot confirm the cause: a wedge or an uneven sample breaks it like a tilt; errors that"
+            " keep the symmetry (material, dimensions, height, stray light, linearity) do not show here."
         )
-        return lines
+        return lines + list(self.notes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON; points are counted along the run that was tested."""
+        return {
+            "wavelength": None if np.isnan(self.wavelength) else self.wavelength,
+            "pairs": len(self.pairs),
+            "rms_asymmetry": float(np.sqrt(np.mean(self.asymmetry**2))) if len(self.pairs) else 0.0,
+            "p_value": self.least_p,
+            "broken": self.broken,
+            "terms": [vars(term) for term in self.terms],
+            "nadir": [vars(n) | {"tilt_deg": n.tilt_deg} for n in self.nadir],
+            "drop_outs": self.drop_outs.tolist(),
+            "words": self.in_words(),
+        }
 
 
-def parity(run: Observation, *, fourfold: bool = True) -> Parity:
-    """Test the symmetries of a run.
+def parities(run: Observation, *, symmetry: Symmetry = "fourfold") -> tuple[Parity, ...]:
+    """The test at each wavelength of a run; points of a result are counted along the whole run."""
+    wavelengths = np.round(run.columns["wavelength"], 3)
+    groups = [np.flatnonzero(_is(wavelengths, one)) for one in np.unique(wavelengths)]
+    found = []
+    for rows in groups:
+        one = parity(run.take(rows), symmetry=symmetry)
+        found.append(Parity(**(vars(one) | {"pairs": rows[one.pairs], "drop_outs": rows[one.drop_outs]})))
+    return tuple(found)
+
+
+def _is(values: FloatArray, one: float) -> NDArray[np.bool_]:
+    return np.isnan(values) if np.isnan(one) else np.equal(values, one)
+
+
+def parity(run: Observation, *, symmetry: Symmetry = "fourfold") -> Parity:
+    """Test the symmetries of a run of one wavelength.
 
     Parameters
     ----------
-    fourfold
-        Whether the sample looks the same after a quarter turn (square lattice, or no structure at all).
+    symmetry
+        How the sample looks when it is turned: ``fourfold`` holds for a square lattice and for no structure at all.
     """
-    pairs = equal_pairs(run, fourfold=fourfold)
+    pairs, wavelength = equal_pairs(run, symmetry=symmetry), float(run.columns["wavelength"][0])
+    failed = _drop_outs(run, pairs)
+    notes = []
+    if len(failed):
+        notes.append(f"Left out as drop-outs, more than 10 % from their like: {len(failed)} of {len(run)} readings.")
+        kept = np.setdiff1d(np.arange(len(run)), failed)
+        pairs = kept[equal_pairs(run.take(kept), symmetry=symmetry)]
     if not len(pairs):
-        return Parity(pairs, np.zeros(0), np.zeros(0), 0.0, 1.0, ())
-    difference = np.log(run.brf[pairs[:, 0]] / run.brf[pairs[:, 1]])
-    covariances = [(s.weight, _of_pairs(s.covariance, pairs)) for s in structures(run)]
+        return Parity(wavelength, pairs, np.zeros(0), np.zeros(0), 0.0, 1.0, (), (), failed, tuple(notes))
+    chosen = _thinned(pairs)
+    if len(chosen) < len(pairs):
+        notes.append(f"{len(chosen)} of {len(pairs)} pairs were tested, evenly chosen.")
+    points, place = np.unique(chosen, return_inverse=True)
+    part, local = run.take(points), place.reshape(-1, 2)
+    difference = np.log(part.brf[local[:, 0]] / part.brf[local[:, 1]])
+    covariances = [(s.weight, _of_pairs(s.covariance, local)) for s in structures(part)]
     weighed = [(np.log(weight) + _log_density(difference, c), c) for weight, c in covariances]
     top = max(value for value, _ in weighed)
     share = np.array([np.exp(value - top) for value, _ in weighed])
     share /= share.sum()
-    kept = [(w, c) for w, (_, c) in zip(share, weighed, strict=True) if w > 1e-3]
-    squares = np.array([_square(difference, c) for _, c in kept])
-    weights = np.array([w for w, _ in kept]) / sum(w for w, _ in kept)
-    rank = len(difference)
-    p_value = float(weights @ chi2.sf(squares, rank))
-    terms = _terms(run, pairs, difference, [c for _, c in kept], weights)
-    best = kept[int(np.argmax(weights))][1]
-    return Parity(pairs, difference, np.sqrt(np.diag(best)), float(weights @ squares), p_value, terms)
+    kept_members = [(w, c) for w, (_, c) in zip(share, weighed, strict=True) if w > 1e-3]
+    squares = np.array([square(difference, c) for _, c in kept_members])
+    weights = np.array([w for w, _ in kept_members]) / sum(w for w, _ in kept_members)
+    p_value = float(weights @ chi2.sf(squares, len(difference)))
+    terms = fit_terms(part, local, difference, [c for _, c in kept_members], weights)
+    u_best = np.sqrt(np.diag(kept_members[int(np.argmax(weights))][1]))
+    mean_square = float(weights @ squares)
+    nadir = at_nadir(run, failed)
+    return Parity(wavelength, chosen, difference, u_best, mean_square, p_value, terms, nadir, failed, tuple(notes))
 
 
-def equal_pairs(run: Observation, *, fourfold: bool = True) -> IntArray:
+def equal_pairs(run: Observation, *, symmetry: Symmetry = "fourfold") -> IntArray:
     """Pairs of points whose readings symmetry makes equal, shape (pair, 2); no pair follows from the others."""
     columns = run.columns
     view = direction(columns["sensor_zenith"], columns["sensor_azimuth"] - columns["illumination_azimuth"])
     normal = np.abs(columns["illumination_zenith"]) < _SAME
+    if symmetry == "isotropic":
+        view[normal, 0], view[normal, 1] = np.hypot(view[normal, 0], view[normal, 1]), 0.0
     wavelength = np.nan_to_num(columns["wavelength"], nan=0.0)
     place = np.column_stack([view, np.deg2rad(columns["illumination_zenith"]), wavelength])
     tree = cKDTree(place)
     root = np.arange(len(run))
-    found = []
-    for number, change in enumerate(_symmetries(fourfold)):
+    found: list[tuple[int, int]] = []
+    for number, change in enumerate(_symmetries(symmetry)):
         moved = place.copy()
         moved[:, :3] = view @ change.T
         distance, partner = tree.query(moved, distance_upper_bound=np.deg2rad(_SAME))
         for point in np.flatnonzero(np.isfinite(distance)):
-            if number > 0 and not normal[point]:
-                continue
-            first, second = _top(root, int(point)), _top(root, int(partner[point]))
-            if first != second:
-                root[second] = first
-                found.append((min(point, partner[point]), max(point, partner[point])))
-    for first, second in tree.query_pairs(np.deg2rad(_SAME)):
-        one, two = _top(root, first), _top(root, second)
-        if one != two:
-            root[two] = one
-            found.append((first, second))
+            if number == 0 or normal[point]:
+                _join(root, found, int(point), int(partner[point]))
+    for first, second in sorted(tree.query_pairs(np.deg2rad(_SAME))):
+        _join(root, found, first, second)
     return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
 
 
-def _symmetries(fourfold: bool) -> list[FloatArray]:
+def _join(root: IntArray, found: list[tuple[int, int]], first: int, second: int) -> None:
+    """Note a pair unless it follows from those noted before."""
+    one, two = _top(root, first), _top(root, second)
+    if one != two:
+        root[two] = one
+        found.append((min(first, second), max(first, second)))
+
+
+def _symmetries(symmetry: Symmetry) -> list[FloatArray]:
     """The mirror along the plane of incidence first; then what holds at normal incidence only."""
     mirror, half, quarter = np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, -1.0, 1.0]), np.zeros((3, 3))
     quarter[0, 1], quarter[1, 0], quarter[2, 2] = -1.0, 1.0, 1.0
-    return [mirror, half, quarter] if fourfold else [mirror, half]
+    return {"mirror": [mirror], "twofold": [mirror, half]}.get(symmetry, [mirror, half, quarter])
 
 
 def _top(root: IntArray, point: int) -> int:
@@ -166,6 +221,29 @@ def _top(root: IntArray, point: int) -> int:
         root[point] = root[root[point]]
         point = int(root[point])
     return point
+
+
+def _drop_outs(run: Observation, pairs: IntArray) -> IntArray:
+    """Points whose reading has failed: far from the median of those that should read alike."""
+    if not len(pairs):
+        return np.zeros(0, dtype=np.int64)
+    root = np.arange(len(run))
+    for first, second in pairs:
+        _join(root, [], int(first), int(second))
+    group = np.array([_top(root, point) for point in range(len(run))])
+    log_brf, apart = np.log(run.brf), np.zeros(len(run))
+    for one in np.unique(group[pairs.ravel()]):
+        rows = np.flatnonzero(group == one)
+        apart[rows] = np.abs(log_brf[rows] - np.median(log_brf[rows]))
+    usual = float(np.quantile(apart[np.unique(pairs)], 0.9))
+    return np.flatnonzero(apart > max(_DROP_OUT, _DROP_OUT_RATIO * usual))
+
+
+def _thinned(pairs: IntArray) -> IntArray:
+    """Few enough pairs, evenly chosen."""
+    if len(np.unique(pairs)) <= MOST_POINTS:
+        return pairs
+    return pairs[np.linspace(0, len(pairs) - 1, MOST_POINTS // 2).round().astype(int)]
 
 
 def _of_pairs(covariance: FloatArray, pairs: IntArray) -> FloatArray:
@@ -178,88 +256,5 @@ def _of_pairs(covariance: FloatArray, pairs: IntArray) -> FloatArray:
     )
 
 
-def _square(difference: FloatArray, covariance: FloatArray) -> float:
-    return float(difference @ np.linalg.solve(covariance, difference))
-
-
 def _log_density(difference: FloatArray, covariance: FloatArray) -> float:
-    return -0.5 * (_square(difference, covariance) + float(np.linalg.slogdet(covariance)[1]))
-
-
-Pattern = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]
-_DEGREE = np.pi / 180
-
-
-def _patterns() -> list[tuple[str, str, str, Pattern]]:
-    """Name, meaning, unit and relative change of a reading by one unit; of zenith, azimuth, light (rad) and progress."""
-    return [
-        (
-            "tilt about x",
-            "a tilt of the sample about the laboratory's x axis (or a wedge)",
-            "degree",
-            lambda u, a, i, t: _DEGREE * (-np.tan(u) * np.sin(a)),
-        ),
-        (
-            "tilt about y",
-            "a tilt of the sample about the laboratory's y axis (or a wedge)",
-            "degree",
-            lambda u, a, i, t: _DEGREE * np.tan(u) * np.cos(a),
-        ),
-        (
-            "illumination out of its plane",
-            "light from beside the plane of incidence, or a tilt of the sample towards the side",
-            "degree",
-            lambda u, a, i, t: _DEGREE * np.tan(i) * np.sin(a) * np.sign(np.cos(u)),
-        ),
-        (
-            "sensor zenith zero",
-            "an error of the sensor zenith's zero",
-            "degree",
-            lambda u, a, i, t: -_DEGREE * np.tan(u),
-        ),
-        (
-            "sensor axis beside the centre",
-            "a sensor axis displaced sideways, or a beam off the centre",
-            "per cent at 90 degrees",
-            lambda u, a, i, t: 0.01 * np.sin(u),
-        ),
-        (
-            "polarisation",
-            "a detector that responds to polarisation, or an anisotropic sample",
-            "per cent at 90 degrees",
-            lambda u, a, i, t: 0.01 * np.cos(2 * a) * np.sin(u) ** 2,
-        ),
-        ("drift", "a drift of source or detector", "per cent over the run", lambda u, a, i, t: 0.01 * t),
-    ]
-
-
-def _terms(
-    run: Observation, pairs: IntArray, difference: FloatArray, covariances: Sequence[FloatArray], weights: FloatArray
-) -> tuple[Term, ...]:
-    columns = run.columns
-    zenith, azimuth = np.deg2rad(columns["sensor_zenith"]), np.deg2rad(columns["sensor_azimuth"])
-    light, found = np.deg2rad(columns["illumination_zenith"]), []
-    patterns = _patterns()
-    rank = len(difference)
-    for name, meaning, unit, pattern in patterns:
-        column = pattern(zenith, azimuth, light, run.progress)
-        slope = column[pairs[:, 0]] - column[pairs[:, 1]]
-        if np.sqrt(np.mean(slope**2)) < 1e-9:
-            continue
-        fits = [_amplitude(slope, difference, c) for c in covariances]
-        value = float(weights @ np.array([a for a, _, _ in fits]))
-        variance = float(weights @ np.array([u**2 + (a - value) ** 2 for a, u, _ in fits]))
-        gain = float(weights @ np.array([g for _, _, g in fits]))
-        total = float(weights @ np.array([_square(difference, c) for c in covariances]))
-        p_value = min(1.0, 2 * float(norm.sf(abs(value) / np.sqrt(variance))) * len(patterns))
-        explained = min(1.0, gain / max(total - rank, gain, 1e-12))
-        found.append(Term(name, meaning, unit, value, float(np.sqrt(variance)), p_value, explained))
-    return tuple(sorted(found, key=lambda term: (term.p_value, -term.explained)))
-
-
-def _amplitude(slope: FloatArray, difference: FloatArray, covariance: FloatArray) -> tuple[float, float, float]:
-    """Generalised least squares of one amplitude: value, standard uncertainty, decrease of chi-square."""
-    weighed = np.linalg.solve(covariance, slope)
-    information = float(slope @ weighed)
-    value = float(weighed @ difference) / information
-    return value, float(1 / np.sqrt(information)), value**2 * information
+    return -0.5 * (square(difference, covariance) + float(np.linalg.slogdet(covariance)[1]))
