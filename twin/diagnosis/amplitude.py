@@ -170,7 +170,8 @@ class AmplitudePrior:
 
     def _shapes(self) -> FloatArray:
         """Nominal values with the parameters of shape at evenly spread ones, shape (shape, p)."""
-        share = (np.arange(_SHAPES) + 0.5) / _SHAPES
+        count = getattr(getattr(self.signature, "effect", None), "shapes", _SHAPES)
+        share = (np.arange(count) + 0.5) / count
         axes = [
             np.array([self.nominal[k]]) if self.sized[k] else self.low[k] + share * (self.high[k] - self.low[k])
             for k in range(len(self.nominal))

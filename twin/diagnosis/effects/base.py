@@ -83,6 +83,10 @@ class Effect(ABC):
         The scan that tells them apart.
     version
         To be raised with a change of what is rendered.
+    catalogued
+        Whether the data contract names the effect; another cause is told as a suspicion, not named.
+    shapes
+        Values of every parameter of shape from which fits start.
     """
 
     name: ClassVar[str]
@@ -92,6 +96,8 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]] = ()
     separated_by: ClassVar[str] = ""
     version: ClassVar[int] = 1
+    catalogued: ClassVar[bool] = True
+    shapes: ClassVar[int] = 6
 
     def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
         """The parameters, with budgets from the inputs, and for some effects of number and caps that depend on them."""

@@ -30,7 +30,7 @@ class Backlash(ZenithEffect):
         return np.asarray(values / 2 * run.travel)
 
 
-class _ByAngle(ZenithEffect):
+class ByAngle(ZenithEffect):
     """An error that depends on the sensor zenith alone, and so affects the reference measurement too."""
 
     @abstractmethod
@@ -45,7 +45,7 @@ class _ByAngle(ZenithEffect):
         return Setup(sensor_zenith_deg=float(error[0, 0]))
 
 
-class ArmSag(_ByAngle):
+class ArmSag(ByAngle):
     """The sensor arm bends under its weight: true zenith = commanded + angle sin(zenith)."""
 
     name = "arm_sag"
@@ -58,7 +58,7 @@ class ArmSag(_ByAngle):
         return np.asarray(values * np.sin(zenith_rad))
 
 
-class EncoderEccentricity(_ByAngle):
+class EncoderEccentricity(ByAngle):
     """A scale off its axis: once a turn, zero where the arm was zeroed, at zenith 0.
 
     True zenith = commanded + sine sin(zenith) + cosine (cos(zenith) - 1).
@@ -78,7 +78,7 @@ class EncoderEccentricity(_ByAngle):
         return np.asarray(sine * np.sin(zenith_rad) + cosine * (np.cos(zenith_rad) - 1))
 
 
-class EncoderEllipticity(_ByAngle):
+class EncoderEllipticity(ByAngle):
     """A scale that is tilted or not round: twice a turn, zero at zenith 0.
 
     True zenith = commanded + sine sin(2 zenith) + cosine (cos(2 zenith) - 1).
@@ -86,6 +86,7 @@ class EncoderEllipticity(_ByAngle):
 
     name = "encoder_ellipticity"
     title = "angular scale of the sensor arm not round"
+    catalogued = False
     parameters = (
         Parameter("sine_deg", "degree", 0.8, _AMPLITUDE),
         Parameter("cosine_deg", "degree", 0.25, _AMPLITUDE),
