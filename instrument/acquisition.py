@@ -14,6 +14,7 @@ from drivers.clock import Clock
 from drivers.errors import DeviceFault
 from drivers.interfaces import Amplifier, Detector, Reading, Shutter
 from instrument.control import Controls, ask, ensure
+from instrument.hindrances import DetectorSaturated, LightUnstable, scatter
 from instrument.run_schema import OVERLOAD, REPEATED, SATURATED
 from instrument.settings import AcquisitionSettings
 
@@ -25,8 +26,8 @@ class NoReading(DeviceFault):
     """The detector works, and yet what it says is no measurement of this geometry."""
 
 
-class Overloaded(NoReading):
-    """There is more light than the lowest gain can take."""
+class Overloaded(DetectorSaturated, NoReading):
+    """There is more light than the lowest gain can take, and no number for it."""
 
 
 class NoLight(NoReading):
@@ -96,6 +97,10 @@ class Acquisition:
         """Laboratory seconds that the last reading took; 0 before the first."""
         return self._last_duration
 
+    def forget_gain(self) -> None:
+        """The amplifier may have been without power: its gain is chosen anew."""
+        self._gain_known = False
+
     def shut(self) -> None:
         """Close the shutter and make sure that it is closed."""
         ensure(self._shutter.shut, lambda: not ask(self._shutter.is_open), "shutter")
@@ -109,6 +114,8 @@ class Acquisition:
             If no gain gives a number.
         NoLight
             If the open shutter makes no difference.
+        LightUnstable
+            If the samples scatter as no noise does.
         CommunicationError
             If a device does not answer.
         """
@@ -134,7 +141,19 @@ class Acquisition:
                 f"no light: {light:.6g} V with the shutter open, {burst.dark:.6g} V with it closed",
                 "look at shutter, beam path, sample and the detector's cable",
             )
+        self._require_stable(burst)
         return burst
+
+    def _require_stable(self, burst: Burst) -> None:
+        light = burst.current * burst.gain
+        spread = scatter(burst.samples, burst.dark)
+        if spread > self._settings.unstable and light > self._settings.noise_floor * self._detector.full_scale:
+            raise LightUnstable(
+                "source",
+                f"the samples of one reading scatter by {100 * spread:.0f} % of the light"
+                f" (at most {100 * self._settings.unstable:g} % are expected)",
+                "look at the source's warm-up, its alignment into the fibre, and loose parts in the beam",
+            )
 
     def _in_range(self, samples: int) -> tuple[Reading, float]:
         """A burst at the gain that suits the light."""

@@ -46,6 +46,7 @@ class Controls:
         self._wake = threading.Event()
         self._pause: str | None = None
         self._pause_now = False
+        self._held = False
         self._abort: str | None = None
         self._halt: str | None = None
         self._beat_wall = time.monotonic()
@@ -59,7 +60,7 @@ class Controls:
     def resume(self) -> None:
         """Withdraw a pause, or say that a suspension's cause is dealt with."""
         with self._changed:
-            self._pause, self._pause_now = None, False
+            self._pause, self._pause_now, self._held = None, False, False
             self._notify()
 
     def abort(self, reason: str) -> None:
@@ -111,34 +112,56 @@ class Controls:
                 return
             self._wake.wait(min(left, 1.0))
 
-    def rest(self, seconds: float | None, alive: Callable[[], None] | None = None) -> bool:
-        """Rest until someone resumes, at most ``seconds`` of laboratory time; False when nobody did.
-
-        Parameters
-        ----------
-        alive
-            Called about once a second of wall-clock time.
+    def rest(self) -> None:
+        """Rest until someone resumes.
 
         Raises
         ------
         HaltAsked, AbortAsked
         """
-        end = None if seconds is None else time.monotonic() + seconds / self._clock.speed
+        while not self._resting(lambda: self._pause is None, 1.0):
+            pass
+
+    def hold(self) -> None:
+        """Begin a suspension: a resume counts from here on, before anybody has heard of it."""
+        with self._changed:
+            self._held = True
+
+    def suspended(self, limit_wall: float, look_wall: float, ready: Callable[[], bool]) -> bool:
+        """Wait until someone resumes or the cause has gone, at most ``limit_wall`` seconds; False when neither came.
+
+        Parameters
+        ----------
+        look_wall
+            Wall-clock seconds between looks.
+        ready
+            Whether the scan may go on by itself; not asked while a person wants a pause.
+
+        Raises
+        ------
+        HaltAsked, AbortAsked
+        """
+        end = time.monotonic() + limit_wall
         while True:
-            with self._changed:
-                self._beat_wall = time.monotonic()
-                if self._halt is not None:
-                    raise HaltAsked(self._halt)
-                if self._abort is not None:
-                    raise AbortAsked(self._abort)
-                if self._pause is None:
-                    return True
-                left = 1.0 if end is None else end - time.monotonic()
-                if left <= 0:
-                    return False
-                self._changed.wait(min(left, 1.0))
-            if alive is not None:
-                alive()
+            if self._resting(lambda: not self._held, min(look_wall, max(end - time.monotonic(), 0.0))):
+                return True
+            if self._pause is None and ready():
+                with self._changed:
+                    self._held = False
+                return True
+            if time.monotonic() >= end:
+                return False
+
+    def _resting(self, over: Callable[[], bool], wall: float) -> bool:
+        """Wait at most so long until a condition holds; obeys."""
+        with self._changed:
+            self._beat_wall = time.monotonic()
+            self._changed.wait_for(lambda: over() or self._halt is not None or self._abort is not None, wall)
+            if self._halt is not None:
+                raise HaltAsked(self._halt)
+            if self._abort is not None:
+                raise AbortAsked(self._abort)
+            return over()
 
     def _notify(self) -> None:
         immediate = self._halt is not None or self._abort is not None or (self._pause is not None and self._pause_now)

@@ -28,6 +28,7 @@ from instrument.events import (
     ScanEnded,
     ScanStarted,
 )
+from instrument.hindrances import Hindrance, LightUnstable
 from instrument.job import ScanJob
 from instrument.motion import MotionFailed
 from instrument.mounting import change_sample
@@ -149,7 +150,7 @@ class ScanEngine:
         self._controls.checkpoint()
         self._report.to(S.PREFLIGHT)
         self._preflight(station)
-        attendance = Attendance(station, self._report, self._controls, self._job.settings)
+        attendance = Attendance(station, self._report, self._controls, self._job.settings, self._job.files.run_dir)
         self._report.to(S.HOMING)
         for axis in station.laboratory.axes():
             attendance.attended(S.HOMING, partial(station.mover.home, axis))
@@ -239,7 +240,9 @@ class ScanEngine:
             if not error.at_rest:
                 raise
             self._skip(station, index, error)
-        except (CommunicationError, CommandRefused, NoReading) as error:
+        except (CommunicationError, CommandRefused, NoReading, LightUnstable) as error:
+            if isinstance(error, Hindrance) and error.in_vain:
+                raise
             self._skip(station, index, error)
         else:
             self._failures = 0

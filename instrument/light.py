@@ -7,11 +7,10 @@ import threading
 from drivers.errors import DeviceError
 from drivers.interfaces import LightSource, WavelengthSelector
 from instrument.control import Controls, ask, ensure
+from instrument.hindrances import LightLost
 from instrument.settings import ScanSettings
 
-
-class LightLost(DeviceError):
-    """The source does not emit though it should: an interlock is open, its watchdog has tripped ..."""
+__all__ = ["Light", "LightLost"]
 
 
 class Light:
@@ -23,6 +22,11 @@ class Light:
     ----------
     controls
         Its heartbeat decides whether the watchdog is fed.
+
+    Attributes
+    ----------
+    wanted
+        Whether the scan wants light; stays while the light is off for a suspension.
     """
 
     def __init__(
@@ -37,6 +41,7 @@ class Light:
         self._stop = threading.Event()
         self._feeder: threading.Thread | None = None
         self._wavelength: float | None = None
+        self.wanted = False
 
     def on(self) -> None:
         """Emit, at the power of the settings, and keep the watchdog fed.
@@ -46,7 +51,8 @@ class Light:
         LightLost
             If the source reports a fault or does not emit.
         """
-        self._require_no_fault()
+        self.wanted = True
+        self.require_no_fault()
         ensure(self._set_power, lambda: abs(ask(self._source.power) - self._settings.source_power) < 0.002, "source")
         ensure(lambda: self._source.set_emission(True), lambda: ask(self._source.emission), "source")
         self._start_feeding()
@@ -54,6 +60,12 @@ class Light:
 
     def off(self) -> None:
         """End the emission. May be repeated."""
+        self.wanted = False
+        self.dark()
+
+    def dark(self) -> None:
+        """End the emission for a suspension; what was wanted, and what was selected, has to be looked at anew."""
+        self._wavelength = None
         self._stop_feeding()
         ensure(lambda: self._source.set_emission(False), lambda: not ask(self._source.emission), "source")
 
@@ -64,7 +76,7 @@ class Light:
         ------
         LightLost
         """
-        self._require_no_fault()
+        self.require_no_fault()
         if not ask(self._source.emission):
             raise LightLost("source", "emission is off though it was switched on", "look at interlock and key switch")
 
@@ -86,7 +98,13 @@ class Light:
     def _set_power(self) -> None:
         self._source.set_power(self._settings.source_power)
 
-    def _require_no_fault(self) -> None:
+    def require_no_fault(self) -> None:
+        """Make sure that the source reports no fault.
+
+        Raises
+        ------
+        LightLost
+        """
         if fault := ask(self._source.fault):
             raise LightLost("source", fault, "deal with the cause, then resume")
 

@@ -36,6 +36,13 @@ class MotionFailed(DeviceError):
         super().__init__(device, problem, "look at the arm and its drive before going on")
 
 
+class AxisSilent(MotionFailed):
+    """An arm does not answer: where it is, and whether it moves, nobody knows until it does."""
+
+    def __init__(self, device: str, problem: str) -> None:
+        super().__init__(device, problem, at_rest=False)
+
+
 @dataclass(frozen=True)
 class _Trouble:
     """Why an attempt ended without arrival; ``reply_lost`` when nobody knows whether the command was taken."""
@@ -217,7 +224,7 @@ class Mover:
             ask(axis.stop)
             return self._await_rest(axis)
         except CommunicationError as error:
-            raise MotionFailed(axis.name, f"it does not answer: {error.problem}", at_rest=False) from error
+            raise AxisSilent(axis.name, f"it does not answer: {error.problem}") from error
 
     def _await_rest(self, axis: Axis) -> float:
         settings = self._settings

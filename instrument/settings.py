@@ -38,6 +38,8 @@ class AcquisitionSettings(Form):
     floor: Annotated[float, Field(ge=0, lt=1)] = 0.05  # below it the gain goes up, where that stays under target
     target: Annotated[float, Field(gt=0, le=1)] = 0.8
     read_attempts: Count = 3  # of a question that changes nothing
+    unstable: Annotated[float, Field(gt=0)] = 0.2  # relative scatter within a burst: the source, not noise
+    noise_floor: Annotated[float, Field(ge=0)] = 0.01  # of full scale: with less light scatter says nothing
 
 
 class ScanSettings(Form):
@@ -54,8 +56,20 @@ class ScanSettings(Form):
         What follows a point that could not be measured: the next one, or an orderly end as faulted.
     failures_in_a_row
         So many and the instrument, not the point, is at fault: the scan ends.
-    suspend_limit
-        How long to wait for a person when the laboratory cannot measure; then the scan ends as faulted.
+    suspend_limit_wall
+        How long to wait when the laboratory cannot measure; then the scan ends as faulted. People and cables take
+        their time by the wall clock, however fast a simulated laboratory's clock runs.
+    look_wall
+        How often a suspended scan looks whether it may go on.
+    relight
+        Who ends a suspension for lost light. A class-4 source that an interlock has switched off comes back by a
+        person's decision (IEC 60825-1, manual reset); ``self`` is for laboratories that have decided otherwise.
+    disk_reserve
+        MB that have to be free on the disk of the run folder, or the scan rests.
+    recovery
+        Laboratory seconds to wait before a point is tried again whose light was unstable or saturated the detector.
+    reference_age
+        Hours after which a resumed run measures the reference anew.
     emission_while_mounting
         Leave the source on (behind a closed shutter) while hands are at the stage.
     """
@@ -67,7 +81,12 @@ class ScanSettings(Form):
     heartbeat_wall: Annotated[float, Field(gt=0)] = 60.0
     after_failure: Literal["continue", "end"] = "continue"
     failures_in_a_row: Count = 3
-    suspend_limit: Seconds = 3600.0
+    suspend_limit_wall: Seconds = 3600.0
+    look_wall: Annotated[float, Field(gt=0)] = 1.0
+    relight: Literal["person", "self"] = "person"
+    disk_reserve: Annotated[float, Field(ge=0)] = 200.0
+    recovery: Seconds = 60.0
+    reference_age: Annotated[float, Field(gt=0)] = 12.0
     emission_while_mounting: bool = False
     motion: MotionSettings = MotionSettings()
     acquisition: AcquisitionSettings = AcquisitionSettings()

@@ -24,7 +24,7 @@ class State(StrEnum):
     MEASURING = "measuring"
     PAUSING = "pausing"  # coming to rest because a person asked
     PAUSED = "paused"
-    SUSPENDED = "suspended"  # at rest because the laboratory cannot measure now (interlock open ...)
+    SUSPENDED = "suspended"  # at rest because the laboratory cannot measure now (interlock open, cable out ...)
     FINISHING = "finishing"
     FINISHED = "finished"
     ABORTING = "aborting"  # an orderly end before the last point
@@ -40,14 +40,14 @@ _WORK: dict[State, set[State]] = {
     S.IDLE: {S.CONNECTING, S.FINISHING},  # to finishing: a resumed run that lacks nothing
     S.CONNECTING: {S.PREFLIGHT},
     S.PREFLIGHT: {S.HOMING},
-    S.HOMING: {S.MOUNTING, S.PAUSING},
+    S.HOMING: {S.MOUNTING, S.PAUSING, S.SUSPENDED},
     S.MOUNTING: {S.MOUNTING, S.REFERENCING, S.MOVING, S.PAUSING, S.SUSPENDED},
     S.REFERENCING: {S.REFERENCING, S.MOUNTING, S.PAUSING, S.SUSPENDED},
     S.MOVING: {S.MEASURING, S.MOVING, S.PAUSING, S.SUSPENDED, S.FINISHING},
     S.MEASURING: {S.MOVING, S.PAUSING, S.SUSPENDED, S.FINISHING},
-    S.PAUSING: {S.PAUSED},
+    S.PAUSING: {S.PAUSED, S.SUSPENDED},
     S.PAUSED: {S.HOMING, S.MOUNTING, S.REFERENCING, S.MOVING, S.SUSPENDED},
-    S.SUSPENDED: {S.MOUNTING, S.REFERENCING, S.MOVING, S.SUSPENDED},
+    S.SUSPENDED: {S.HOMING, S.MOUNTING, S.REFERENCING, S.MOVING, S.PAUSING, S.SUSPENDED},
     S.FINISHING: {S.FINISHED},
     S.ABORTING: {S.ABORTED},
     S.FAULTING: {S.FAULTED},

@@ -9,10 +9,11 @@ from typing import Any
 from drivers.clock import Clock
 from drivers.interfaces import Laboratory
 from instrument.acquisition import Acquisition, Burst, NoLight
-from instrument.control import Controls
+from instrument.control import Controls, ask
 from instrument.durations import AXES
 from instrument.events import Geometry
 from instrument.facility import Arms
+from instrument.hindrances import LightUnstable
 from instrument.light import Light
 from instrument.motion import Mover
 from instrument.safety import Envelope, Pose
@@ -105,7 +106,7 @@ class Station:
         began = self._clock.now()
         try:
             burst = self.acquisition.measure(samples)
-        except NoLight:
+        except (NoLight, LightUnstable):
             self.light.check()  # light that went out is waited for; the point is not given up
             raise
         self.light.check()
@@ -129,11 +130,44 @@ class Station:
         DeviceError
             If that cannot be known.
         """
-        problems = each(self.mover.stops())
-        self.acquisition.shut()
-        problems += each(self.mover.rests())
-        if problems:
+        if problems := self.secure():
             raise problems[0]
+
+    def secure(self) -> list[Exception]:
+        """Close the shutter and stop the arms, whatever fails; returns what cannot be known to be so."""
+        return each([*self.mover.stops(), self.acquisition.shut, *self.mover.rests()])
+
+    def time(self) -> float:
+        """Laboratory seconds."""
+        return self._clock.monotonic()
+
+    def answers(self) -> None:
+        """Ask every device who it is.
+
+        Raises
+        ------
+        CommunicationError
+            Where one does not answer.
+        """
+        for device in self.laboratory.devices().values():
+            device.identify()
+
+    def bring_to_rest(self) -> dict[str, float]:
+        """Stop every arm and read back where it stands, degree; where arms were bound for is forgotten.
+
+        Raises
+        ------
+        MotionFailed, DeviceFault
+        """
+        self._commanded = None
+        self.acquisition.forget_gain()
+        self.rest()
+        return self.mover.readback()
+
+    def unhomed(self) -> dict[str, str]:
+        """Arms that do not know their zero, and what else their drives say."""
+        statuses = {name: ask(axis.status) for name, axis in self.laboratory.axes().items()}
+        return {name: status.fault or "no fault" for name, status in statuses.items() if not status.homed}
 
     def make_safe(self) -> list[Exception]:
         """Emission off, shutter closed, arms stopped and at rest, whatever fails; returns what went wrong.

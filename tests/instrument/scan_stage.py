@@ -32,7 +32,9 @@ QUICK = ScanSettings(
     dwell=5.0,
     keep_alive_wall=0.005,
     heartbeat_wall=5.0,
-    suspend_limit=2000.0,
+    suspend_limit_wall=5.0,
+    look_wall=0.01,
+    disk_reserve=0.0,
     motion=MotionSettings(wire_wall=0.02, poll_wall=0.0005),
     acquisition=AcquisitionSettings(settling=0.2),
 )
@@ -97,15 +99,16 @@ class Stage:
         return read_journal(self.run_dir)
 
     def when(self, matches: Any, act: Any) -> None:
-        """Do something, once, when an event comes."""
-        done = threading.Event()
+        """Do something, once, when an event comes, before the engine goes on: no busy machine changes what happens."""
+        publish, done = self.bus.publish, threading.Event()
 
-        def watch(event: Event) -> None:
+        def watched(event: Event) -> None:
+            publish(event)
             if not done.is_set() and matches(event):
                 done.set()
                 act()
 
-        self.bus.subscribe(watch, "test")
+        self.bus.publish = watched  # type: ignore[method-assign]
 
 
 def stage(

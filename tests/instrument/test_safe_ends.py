@@ -94,7 +94,7 @@ def test_an_arm_that_loses_a_stop_is_stopped_before_the_scan_is_over(tmp_path: P
 
 def test_a_resume_that_comes_at_once_is_not_lost(tmp_path: Path) -> None:
     """Whoever hears of a suspension may answer before the engine's thread goes on."""
-    s = stage(tmp_path, settings=QUICK.model_copy(update={"suspend_limit": 400.0}))
+    s = stage(tmp_path, settings=QUICK.model_copy(update={"suspend_limit_wall": 0.3}))
     s.when(at_point(1), lambda: s.bench.source.trip("interlock open: door"))
     publish = s.bus.publish
 

@@ -21,9 +21,11 @@ from instrument.errors import InputError
 from instrument.events import Event, PointMeasured, PointSkipped, PointStarted, ScanEnded, StateChanged
 from instrument.journal import read_journal
 from instrument.session import ScanRequest, ScanSession, derive_run
+from instrument.settings import ScanSettings
 from sim_fixtures.laboratory import start_simulated
 
 SPEED = 200.0
+IMPATIENT = ScanSettings(suspend_limit_wall=2.0, look_wall=0.5)
 PLAN = """
 version = 1
 title = "a short plan"
@@ -57,8 +59,8 @@ def request_(plan: Path, tmp_path: Path) -> ScanRequest:
 class Watched:
     """An open session whose events are kept, and that acts when one comes."""
 
-    def __init__(self, request: ScanRequest) -> None:
-        self.session = ScanSession(request)
+    def __init__(self, request: ScanRequest, settings: ScanSettings | None = None) -> None:
+        self.session = ScanSession(request, settings=settings)
         self.events: list[Event] = []
         self._acts: list[tuple[Callable[[Event], bool], Callable[[], Any]]] = []
         self.session.subscribe(self._see, "test")
@@ -96,10 +98,10 @@ def watched(request_: ScanRequest) -> Iterator[Watched]:
         yield watch
 
 
-def state_is_safe(watch: Watched) -> bool:
+def state_is_safe(watch: Watched, *, watchdog_trips: bool = False) -> bool:
     state = watch.control("state")
     still = not any(axis["moving"] for axis in state["axes"].values())
-    assert state["watchdog_trips"] == 0
+    assert watchdog_trips or state["watchdog_trips"] == 0
     return still and not state["emission"] and not state["shutter_open"]
 
 
@@ -185,25 +187,44 @@ def test_an_open_interlock_suspends_until_a_person_resumes(watched: Watched) -> 
 
 
 @pytest.mark.slow
-def test_pulling_a_plug_ends_honestly(watched: Watched) -> None:
-    watched.when_point_starts(2, lambda: watched.control("disconnect", device="detector", seconds=600.0))
+@pytest.mark.parametrize("device", ["sensor_zenith", "illumination_zenith", "detector", "io", "source"])
+def test_a_cable_that_is_out_for_seconds_costs_time_and_no_data(watched: Watched, device: str) -> None:
+    watched.when_point_starts(2, lambda: watched.control("disconnect", device=device, seconds=3.0))
     end = watched.run()
-    journal = read_journal(watched.session.run_dir)
-    ended = next(record for record in journal.others if record["kind"] == "ended")
-    accounted = sorted([*journal.points, *journal.skipped, *ended["not_reached"]])
-    assert accounted == list(range(6))
-    assert end.done == len(journal.points) < 6
+    assert (end.outcome, end.done, watched.of(PointSkipped)) == ("finished", 6, [])
+    assert state_is_safe(watched, watchdog_trips=device == "source")
+    assert "suspended" in [event.new for event in watched.of(StateChanged)]
 
 
 @pytest.mark.slow
-def test_a_laboratory_that_dies_ends_the_scan(watched: Watched) -> None:
+@pytest.mark.parametrize("device", ["detector", "sensor_zenith"])
+def test_pulling_a_plug_for_good_ends_honestly(request_: ScanRequest, device: str) -> None:
+    watch = Watched(request_, IMPATIENT)
+    with watch.session:
+        watch.when_point_starts(2, lambda: watch.control("disconnect", device=device, seconds=600.0))
+        end = watch.run()
+        journal = read_journal(watch.session.run_dir)
+        ended = next(record for record in journal.others if record["kind"] == "ended")
+        accounted = sorted([*journal.points, *journal.skipped, *ended["not_reached"]])
+        assert accounted == list(range(6))
+        assert end.outcome == "faulted"
+        assert end.done == len(journal.points) < 6
+        state = watch.control("state")
+        assert not state["emission"]
+        assert not state["shutter_open"]
+
+
+@pytest.mark.slow
+def test_a_laboratory_that_dies_ends_the_scan(request_: ScanRequest) -> None:
     import os
 
-    pid = watched.session.laboratory.pid  # type: ignore[union-attr]
-    watched.when_point_starts(2, lambda: os.kill(pid, signal.SIGKILL))
-    end = watched.run()
-    assert end.outcome == "faulted"
-    assert end.run_file is not None
+    watch = Watched(request_, IMPATIENT)
+    with watch.session:
+        pid = watch.session.laboratory.pid  # type: ignore[union-attr]
+        watch.when_point_starts(2, lambda: os.kill(pid, signal.SIGKILL))
+        end = watch.run()
+        assert end.outcome == "faulted"
+        assert end.run_file is not None
 
 
 @pytest.mark.slow
