@@ -20,7 +20,10 @@ from instrument.plan import Plan, describe, read_plan
 from instrument.safety import Pose
 from instrument.scan_options import check_options
 
-PLAN_NAME, FACILITY_NAME, ARTIFACT_NAME, MATERIAL_NAME = "plan.toml", "facility.toml", "artifact.toml", "material.nc"
+PLAN_NAME, FACILITY_NAME, ARTIFACT_NAME = "plan.toml", "facility.toml", "artifact.toml"
+#: What a material is called in a run folder, by its form (the last part of its own name; others are taken as netCDF). A
+#: ``material.toml`` may refer to files of the others, so it is looked for first.
+MATERIAL_NAMES = {form: f"material{form}" for form in (".toml", ".csv", ".bsdf", ".nc")}
 DEVICES_NAME = "devices.toml"
 
 
@@ -168,7 +171,7 @@ def _resumed(request: ScanRequest) -> GivenInputs:
         plan=folder / PLAN_NAME,
         facility=folder / FACILITY_NAME,
         artifact=existing(folder / ARTIFACT_NAME),
-        material=existing(folder / MATERIAL_NAME),
+        material=material_of(folder),
         devices=None if simulate else request.devices or folder / DEVICES_NAME,
         simulate=simulate,
         resumed=content,
@@ -236,6 +239,11 @@ def header_of(inputs: ScanInputs, created: datetime) -> dict[str, Any]:
         if simulate
         else {"simulate": False},
     }
+
+
+def material_of(folder: Path) -> Path | None:
+    """The material that a run folder holds."""
+    return next((folder / name for name in MATERIAL_NAMES.values() if (folder / name).is_file()), None)
 
 
 def existing(path: Path) -> Path | None:

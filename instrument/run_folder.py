@@ -18,7 +18,7 @@ from instrument.request import (
     ARTIFACT_NAME,
     DEVICES_NAME,
     FACILITY_NAME,
-    MATERIAL_NAME,
+    MATERIAL_NAMES,
     PLAN_NAME,
     ScanInputs,
 )
@@ -139,6 +139,31 @@ def copy_facility(source: Path, folder: Path) -> Path:
     return _write_new(folder / FACILITY_NAME, tomli_w.dumps(moved).encode(), str(source))
 
 
+def copy_material(source: Path, folder: Path) -> Path:
+    """Copy a material, whatever its form, with the files that it names.
+
+    Copies of those are called after the table of ``material.toml`` that names them first, so that none takes the name
+    of another file of the run.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    """
+    form = source.suffix.lower()
+    if form != ".toml":
+        return copy_file(source, folder, MATERIAL_NAMES.get(form, MATERIAL_NAMES[".nc"]))
+    tables = read_toml(source)
+    names: dict[Path, str] = {}
+    for key, table in tables.items():
+        if isinstance(table, dict) and isinstance(table.get("file"), str):
+            path = source.parent / table["file"]
+            if path not in names:
+                names[path] = copy_file(path, folder, f"material-{key}-{path.name}").name
+            table["file"] = names[path]
+    return _write_new(folder / MATERIAL_NAMES[form], tomli_w.dumps(tables).encode(), str(source))
+
+
 def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:
     """Copy what a scan works from into its folder; the scan goes on with the copies.
 
@@ -154,5 +179,5 @@ def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:
         plan_path=copy_file(inputs.plan_path, folder, PLAN_NAME),
         facility_path=copy_facility(inputs.facility_path, folder),
         artifact=copy_artifact(inputs.artifact, folder) if inputs.artifact else None,
-        material=copy_file(inputs.material, folder, MATERIAL_NAME) if inputs.material else None,
+        material=copy_material(inputs.material, folder) if inputs.material else None,
     )

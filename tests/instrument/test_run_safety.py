@@ -23,8 +23,8 @@ from instrument.facility import Reference
 from instrument.journal import JOURNAL_NAME, Journal, JournalError, read_journal
 from instrument.output import check_writable
 from instrument.plan import MOST_POINTS, PlanForm, make_plan
-from instrument.request import ScanInputs, ScanRequest, complete, inputs_of
-from instrument.run_folder import copy_artifact, copy_file, make_run_folder
+from instrument.request import ScanInputs, ScanRequest, complete, inputs_of, material_of
+from instrument.run_folder import copy_artifact, copy_file, copy_material, make_run_folder
 from instrument.scan_options import check_options
 from instrument.scan_run import Interrupts, Keyboard
 from instrument.session import _clock
@@ -117,6 +117,19 @@ def test_a_copy_never_replaces_what_the_run_needs(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"replace plan.toml"):
         copy_artifact(artifact, run)
     assert (run / "plan.toml").read_text() == "version = 1"
+
+
+@pytest.mark.parametrize(
+    ("given", "copied"),
+    [("coating.csv", "material.csv"), ("coating.bsdf", "material.bsdf"), ("coupon run", "material.nc")],
+)
+def test_a_material_keeps_its_form_and_a_resumed_run_finds_it(tmp_path: Path, given: str, copied: str) -> None:
+    run = make_run_folder(tmp_path / "run", Path("plan.toml"))
+    source = tmp_path / given
+    source.write_bytes(b"what it is made of")
+    assert copy_material(source, run) == run / copied
+    assert (run / copied).read_bytes() == b"what it is made of"
+    assert material_of(run) == run / copied
 
 
 def test_copies_are_on_the_disk_before_they_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from instrument.__main__ import build, main
 from instrument.errors import InputError
+from instrument.run_folder import copy_material
 from twin.artifact import Surface, build_mesh
 from twin.coupon import coupon_readings
 from twin.coupon_heldout import fill_errors, predict
@@ -198,3 +199,21 @@ def test_a_table_with_a_problem_is_told_by_the_status(tmp_path: Path) -> None:
     result = run_command("material", "check", tmp_path / "t.nc")
     assert result.exit_code == 1
     assert "PROBLEM: not reciprocal" in result.stdout
+
+
+def test_a_run_folder_holds_all_that_a_material_is_made_of(tmp_path: Path) -> None:
+    """Its copy reads the same when the original is gone, and takes no other file's name."""
+    coupon, source, run = tmp_path / "coupon", tmp_path / "source", tmp_path / "run"
+    for folder in (coupon, source, run):
+        folder.mkdir()
+    name = coupon_file(coupon).rename(coupon / "run.nc").name
+    path = written(source, f'[default]\nfile = "../coupon/{name}"\n[wall]\nfile = "../coupon/{name}"\nscale = 0.9\n')
+    before = read_material(path)
+    copy = copy_material(path, run)
+    assert sorted(p.name for p in run.iterdir()) == ["material-default-run.nc", "material.toml"]
+    (coupon / name).unlink()
+    after = read_material(copy)
+    np.testing.assert_array_equal(after.brdf, before.brdf)
+    assert after.surfaces == before.surfaces
+    with pytest.raises(InputError, match=r"run\.nc"):
+        copy_material(path, tmp_path / "source")
