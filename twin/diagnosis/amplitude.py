@@ -217,6 +217,11 @@ class AtRows:
         """Of the effect."""
         return self.of.parameters
 
+    @property
+    def effect(self) -> object:
+        """Of the response; None where the signature has none."""
+        return getattr(self.of, "effect", None)
+
     def log_ratio(self, values: FloatArray) -> FloatArray:
         """As of the effect, shape (value, row)."""
         return np.asarray(self.of.log_ratio(values)[:, self.rows])

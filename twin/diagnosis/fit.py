@@ -50,6 +50,11 @@ class Component:
         """Of the effect."""
         return self.signature.name
 
+    @property
+    def catalogued(self) -> bool:
+        """Whether the effect may be named; another stands for an unknown cause."""
+        return bool(getattr(getattr(self.signature, "effect", None), "catalogued", True))
+
     def row(self, value: FloatArray) -> FloatArray:
         """Logarithmic ratio at one value, shape (point,)."""
         return np.asarray(self.signature.log_ratio(value[None])[0])

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
+from twin.diagnosis.couples import pairs
 from twin.diagnosis.fit import Fit, fit_none, fit_single
 from twin.diagnosis.likelihood import marginal
-from twin.diagnosis.posterior import PRIOR, Hypothesis, normalised, pairs
+from twin.diagnosis.posterior import PRIOR, Hypothesis, normalised
 from twin.diagnosis.problem import Problem
 
 #: Groups of slices that are held out in turn, and structures kept while choosing without them.
@@ -127,7 +128,9 @@ def _choose(problem: Problem) -> tuple[tuple[str, ...], FloatArray]:
     none = fit_none(residual, members)
     hypotheses = [Hypothesis((), False, np.log(PRIOR["none"]), none.log_evidence, none)]
     library = len(problem.components)
-    singles = [(c, fit) for c in problem.components if (fit := fit_single(c, residual, members)) is not None]
+    singles = [
+        (c, fit) for c in problem.components if c.catalogued and (fit := fit_single(c, residual, members)) is not None
+    ]
     for component, fit in singles:
         prior = np.log(PRIOR["one"] / library) + np.log(max(component.nodes.inside, 1e-12))
         hypotheses.append(Hypothesis(fit.names, False, prior, fit.log_evidence, fit))

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.diagnosis.amplitude import log_sum
-from twin.diagnosis.fit import Component, Fit, fit_none, fit_pair, fit_single
-from twin.diagnosis.likelihood import Normal, marginal
+from twin.diagnosis.couples import pairs
+from twin.diagnosis.fit import Component, Fit, fit_none, fit_single
+from twin.diagnosis.likelihood import Normal
+from twin.diagnosis.unknown import smooth_evidence, tolerant
 
 #: Prior probabilities: of no gap, of one effect in all, of two in all, of a cause that is not in the library.
 PRIOR = {"none": 0.5, "one": 0.33, "two": 0.03, "unknown": 0.14}
-#: Standard deviation of an unknown gap over the relative uncertainty of the run.
-UNKNOWN_SIZES = (1.0, 2.0, 4.0)
-#: Pairs are sought around so many single effects, and refitted under so many structures.
-_PARTNERS, _STRUCTURES, _REFITTED = 8, 4, 40
+#: Shares of the unknown: a smooth gap, the same beside an effect, and causes that are only suspected.
+SHARES = {"smooth": 0.35, "beside": 0.25, "suspected": 0.4}
+#: Fits of one effect, and of two, that are weighed with the error of the response.
+_CHECKED = 8
 Progress = Callable[[str, float], None]
 
 
@@ -67,7 +68,7 @@ class Posterior:
 
     def ranking(self) -> list[tuple[str, float]]:
         """Effects by probability."""
-        names = {name for h in self.hypotheses for name in h.names}
+        names = {name for h in self.hypotheses for name in h.names if not h.unknown}
         return sorted(((name, self.of(name)) for name in names), key=lambda pair: -pair[1])
 
     def _total(self, chosen: Callable[[Hypothesis], bool]) -> float:
@@ -107,17 +108,39 @@ def weigh(
         fit = fit_single(component, residual, members)
         if fit is not None:
             singles.append((component, fit))
-    each = np.log(PRIOR["one"] / max(1, len(components)))
-    for component, fit in singles:
-        inside = np.log(max(component.nodes.inside, 1e-12))
-        hypotheses.append(Hypothesis((component.name,), False, each + inside, fit.log_evidence, fit))
+    smooth = gaps[0][1]
+    singles = _checked(singles, lambda fit: tolerant(fit, residual, members, smooth))
+    known = {component.name for component in components if component.catalogued}
+    hypotheses += [_single(component, fit, known, len(components)) for component, fit in singles]
     tell("two effects", 0.45)
-    couples = len(components) * (len(components) - 1) / 2
-    for fit in pairs(residual, singles, members):
-        hypotheses.append(Hypothesis(fit.names, False, np.log(PRIOR["two"] / max(1.0, couples)), fit.log_evidence, fit))
+    couples = sorted(pairs(residual, singles, members), key=lambda fit: -fit.log_evidence)
+    couples = [tolerant(fit, residual, members, smooth) for fit in couples[:_CHECKED]] + couples[_CHECKED:]
+    each = PRIOR["two"] / max(1.0, len(known) * (len(known) - 1) / 2)
+    for fit in couples:
+        hypotheses.append(Hypothesis(fit.names, not set(fit.names) <= known, np.log(each), fit.log_evidence, fit))
     tell("an unknown cause", 0.8)
-    hypotheses += unknown(residual, [fit for _, fit in singles], members, gaps, relative_u, none, len(components))
+    fits = [fit for _, fit in singles]
+    for beside, evidence in smooth_evidence(residual, fits, members, gaps, relative_u, none):
+        share = SHARES["smooth"] if beside is None else SHARES["beside"] / max(1, len(known))
+        names = () if beside is None else beside.names
+        hypotheses.append(Hypothesis(names, True, np.log(PRIOR["unknown"] * share), evidence, beside))
     return normalised(hypotheses)
+
+
+def _checked(singles: Sequence[tuple[Component, Fit]], check: Callable[[Fit], Fit]) -> list[tuple[Component, Fit]]:
+    """The best fits checked, and the rest as they are."""
+    ranked = sorted(singles, key=lambda pair: -pair[1].log_evidence)
+    return [(c, check(fit)) for c, fit in ranked[:_CHECKED]] + ranked[_CHECKED:]
+
+
+def _single(component: Component, fit: Fit, known: set[str], library: int) -> Hypothesis:
+    """One effect; one that is only suspected counts as unknown."""
+    inside = np.log(max(component.nodes.inside, 1e-12))
+    named = component.name in known
+    total = PRIOR["one"] / max(1, len(known))
+    if not named:
+        total = PRIOR["unknown"] * SHARES["suspected"] / max(1, library - len(known))
+    return Hypothesis((component.name,), not named, np.log(total) + inside, fit.log_evidence, fit)
 
 
 def normalised(hypotheses: Sequence[Hypothesis]) -> Posterior:
@@ -126,78 +149,3 @@ def normalised(hypotheses: Sequence[Hypothesis]) -> Posterior:
     order = np.argsort(-log_joint, kind="stable")
     probability = np.exp(log_joint - log_sum(log_joint))
     return Posterior(tuple(hypotheses[k] for k in order), probability[order])
-
-
-def pairs(
-    residual: FloatArray,
-    singles: Sequence[tuple[Component, Fit]],
-    members: Sequence[Normal],
-    *,
-    around: int = _PARTNERS,
-    refitted: int = _REFITTED,
-) -> list[Fit]:
-    """Two effects together: around the best single ones, every partner; the most promising are refitted."""
-    ranked = sorted(singles, key=lambda pair: -pair[1].log_evidence)
-    candidates: dict[tuple[str, str], tuple[float, Component, Component, FloatArray, NDArray[np.int64]]] = {}
-    for component, fit in ranked[:around]:
-        chosen = _best_structures(fit, members)
-        rest = residual - fit.table
-        member = members[fit.best]
-        for partner, _ in ranked:
-            if partner.name == component.name:
-                continue
-            score = partner.compressed.log_density(rest, member) + partner.nodes.log_mass
-            node = int(np.argmax(score))
-            key = (min(component.name, partner.name), max(component.name, partner.name))
-            start = np.concatenate([fit.values, partner.nodes.values[node]])
-            if key not in candidates or candidates[key][0] < score[node]:
-                candidates[key] = (float(score[node]), component, partner, start, chosen)
-    best = sorted(candidates.values(), key=lambda c: -c[0])[:refitted]
-    found = []
-    for _, component, partner, start, chosen in best:
-        fit_two = fit_pair(component, partner, start, residual, members, [int(n) for n in chosen])
-        if fit_two is not None:
-            found.append(fit_two)
-    return found
-
-
-def _best_structures(fit: Fit, members: Sequence[Normal]) -> NDArray[np.int64]:
-    weighted = fit.by_structure + np.array([m.log_weight for m in members])
-    return np.argsort(-weighted)[:_STRUCTURES]
-
-
-def unknown(
-    residual: FloatArray,
-    singles: Sequence[Fit],
-    members: Sequence[Normal],
-    gaps: Sequence[tuple[str, FloatArray]],
-    relative_u: FloatArray,
-    none: Fit,
-    library: int,
-) -> list[Hypothesis]:
-    """A smooth gap of unknown cause, alone and beside an effect."""
-    base = sorted(range(len(members)), key=lambda k: -members[k].log_weight)[:8]
-    base = list(dict.fromkeys([*base, *_best_structures(none, members).tolist()]))
-    best = sorted(singles, key=lambda fit: -fit.log_evidence)[:3]
-    rests = [residual, *(residual - fit.table for fit in best)]
-    log_values: list[list[float]] = [[] for _ in rests]
-    weights = []
-    for k in base:
-        for _, shape in gaps:
-            for size in UNKNOWN_SIZES:
-                spread = size * relative_u
-                wide = replace(members[k], covariance=members[k].covariance + shape * np.outer(spread, spread))
-                weights.append(members[k].log_weight)
-                for values, rest in zip(log_values, rests, strict=True):
-                    values.append(wide.log_density(rest))
-    weight = np.array(weights) - log_sum(np.array(weights))
-    found = [
-        Hypothesis((), True, np.log(PRIOR["unknown"] * 0.6), float(log_sum(np.array(log_values[0]) + weight)), None)
-    ]
-    share = np.log(PRIOR["unknown"] * 0.4 / max(1, library))
-    for fit, values in zip(best, log_values[1:], strict=True):
-        # What the parameters cost in evidence is nearly what they cost without the unknown part.
-        occam = fit.log_evidence - marginal(np.array([m.log_density(residual - fit.table) for m in members]), members)
-        evidence = float(log_sum(np.array(values) + weight)) + min(occam, 0.0)
-        found.append(Hypothesis(fit.names, True, share, evidence, fit))
-    return found

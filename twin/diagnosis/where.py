@@ -12,7 +12,7 @@ from instrument.angles import FloatArray
 from twin.diagnosis.amplitude import log_sum
 from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.observation import Observation
-from twin.diagnosis.posterior import UNKNOWN_SIZES
+from twin.diagnosis.unknown import UNKNOWN_SIZES
 
 #: Regions of fewer points are left to the union of their illumination zenith.
 _FEWEST = 3

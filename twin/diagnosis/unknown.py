@@ -1,0 +1,74 @@
+"""What no effect of the catalogue explains: smooth gaps, causes that are only suspected, and what an effect leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from instrument.angles import FloatArray
+from twin.diagnosis.amplitude import log_sum
+from twin.diagnosis.couples import best_structures
+from twin.diagnosis.fit import Fit
+from twin.diagnosis.likelihood import Normal, marginal
+
+#: Standard deviation of an unknown gap over the relative uncertainty of the run.
+UNKNOWN_SIZES = (1.0, 2.0, 4.0)
+#: The twin's gap of an effect is as good as this, relative: other rims, other lobes, other time constants.
+RESPONSE_ERROR = 0.12
+#: Structures of the largest prior weight under which an unknown gap is weighed.
+_BASE, _BESIDE = 8, 3
+
+
+def smooth_evidence(
+    residual: FloatArray,
+    singles: Sequence[Fit],
+    members: Sequence[Normal],
+    gaps: Sequence[tuple[str, FloatArray]],
+    relative_u: FloatArray,
+    none: Fit,
+) -> list[tuple[Fit | None, float]]:
+    """Logarithmic evidence of a smooth gap of unknown cause, alone (None) and beside the best single effects."""
+    base = sorted(range(len(members)), key=lambda k: -members[k].log_weight)[:_BASE]
+    base = list(dict.fromkeys([*base, *best_structures(none, members).tolist()]))
+    best = sorted(singles, key=lambda fit: -fit.log_evidence)[:_BESIDE]
+    rests = [residual, *(residual - fit.table for fit in best)]
+    log_values: list[list[float]] = [[] for _ in rests]
+    weights = []
+    for k in base:
+        for _, shape in gaps:
+            for size in UNKNOWN_SIZES:
+                spread = size * relative_u
+                wide = replace(members[k], covariance=members[k].covariance + shape * np.outer(spread, spread))
+                weights.append(members[k].log_weight)
+                for values, rest in zip(log_values, rests, strict=True):
+                    values.append(wide.log_density(rest))
+    weight = np.array(weights) - log_sum(np.array(weights))
+    found: list[tuple[Fit | None, float]] = [(None, float(log_sum(np.array(log_values[0]) + weight)))]
+    for fit, values in zip(best, log_values[1:], strict=True):
+        # What the parameters cost in evidence is nearly what they cost without the unknown part.
+        occam = fit.log_evidence - marginal([m.log_density(residual - fit.table) for m in members], members)
+        found.append((fit, float(log_sum(np.array(values) + weight)) + min(occam, 0.0)))
+    return found
+
+
+def tolerant(fit: Fit, residual: FloatArray, members: Sequence[Normal], smooth: FloatArray) -> Fit:
+    """The fit, weighed half with the gap as the twin renders it, half with the response's own error.
+
+    Parameters
+    ----------
+    smooth, shape (point, point)
+        Correlation of half of the response's error; the other half is independent.
+    """
+    size = RESPONSE_ERROR * fit.table
+    error = np.outer(size, size) * 0.5 * (smooth + np.eye(len(size)))
+    rest = residual - fit.table
+    by = fit.by_structure.copy()
+    for k in best_structures(fit, members).tolist():
+        if np.isfinite(by[k]):
+            wide = replace(members[k], covariance=members[k].covariance + error)
+            gain = wide.log_density(rest) - members[k].log_density(rest)
+            by[k] += float(np.logaddexp(0.0, gain) - np.log(2.0))
+    weighted = by + np.array([member.log_weight for member in members])
+    return replace(fit, by_structure=by, log_evidence=float(log_sum(weighted)), best=int(np.argmax(weighted)))
