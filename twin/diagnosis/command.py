@@ -24,6 +24,9 @@ def diagnose_command(
     prediction: Annotated[
         Path | None, typer.Option(help="Write nominal and corrected predictions here (.nc).", show_default=False)
     ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write the diagnosis here, for people (.html).", show_default=False)
+    ] = None,
     cache: Annotated[
         Path | None, typer.Option(help="Folder for renderings; by default the user's.", show_default=False)
     ] = None,
@@ -47,18 +50,23 @@ def diagnose_command(
     """
     from instrument.output import check_writable
 
-    for file in (json, prediction):
+    for file in (json, prediction, report):
         if file is not None:
             check_writable(file)
     inputs = _inputs(run, {"facility": facility, "artifact": artifact, "material": material})
     if inputs is None or columns is not None:
-        _check_alone({"--prediction": prediction}, inputs, columns)
+        _check_alone({"--prediction": prediction, "--report": report}, inputs, columns)
         _symmetries_alone(run, columns, symmetry, wavelength, json)
         return
     diagnosis = _diagnose(run, inputs, cache)
     found = _parity(diagnosis, symmetry, wavelength)
     _tell(diagnosis, found)
     _write(diagnosis, found, json, prediction)
+    if report is not None:
+        from twin.diagnosis.report import write_report
+
+        write_report(diagnosis, found, report)
+        typer.echo(f"written: {report}")
 
 
 def _check_alone(outputs: dict[str, Path | None], inputs: Inputs | None, columns: Path | None) -> None:

@@ -44,7 +44,7 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "removable": gap.removable,
             "heldout_gain_nats": gap.gain,
         },
-        "next_scan": _next_scans(diagnosis),
+        "next_scan": next_scans(diagnosis),
         "ruled_out": diagnosis.prepared.responses.ruled_out,
         "notes": list(diagnosis.prepared.problem.run.notes),
     }
@@ -63,7 +63,7 @@ def parameters(diagnosis: Diagnosis, named: Named) -> dict[str, dict[str, float]
     }
 
 
-def _next_scans(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def next_scans(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Scans that would tell apart the effects of a class."""
     found = diagnosis.prepared.responses.found
     scans: dict[str, list[list[str]]] = {}
@@ -100,9 +100,9 @@ def _variable(values: FloatArray, long_name: str) -> tuple[str, FloatArray, dict
     return "point", values, {"units": "1", "long_name": long_name}
 
 
-def in_words(diagnosis: Diagnosis) -> Sequence[str]:
-    """What was found, one sentence each."""
-    decision, gap, posterior = diagnosis.decision, diagnosis.gap, diagnosis.posterior
+def verdict_in_words(diagnosis: Diagnosis) -> list[str]:
+    """The verdict alone, one sentence each."""
+    decision, posterior = diagnosis.decision, diagnosis.posterior
     found = diagnosis.prepared.responses.found
     lines = []
     if decision.verdict == "none":
@@ -123,6 +123,13 @@ def in_words(diagnosis: Diagnosis) -> Sequence[str]:
         if len(named.members) > 1:
             text += f"; this run cannot tell it from {', '.join(named.members[1:])}"
         lines.append(text + ".")
+    return lines
+
+
+def in_words(diagnosis: Diagnosis) -> Sequence[str]:
+    """What was found, one sentence each."""
+    decision, gap = diagnosis.decision, diagnosis.gap
+    lines = verdict_in_words(diagnosis)
     lines += [f"{region.description} ({region.strength:.1f} u)." for region in diagnosis.where]
     if decision.verdict != "none":
         lines.append(
