@@ -1,0 +1,96 @@
+"""What is said of given probabilities: verdicts, classes and their sizes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin.diagnosis.fit import Fit
+from twin.diagnosis.posterior import Hypothesis, Posterior, normalised
+from twin.diagnosis.verdict import LARGEST_CLASS, TOLD_APART, decide
+
+
+def fit(*names: str) -> Fit:
+    """A fit with one parameter an effect: 1, 2, ... with standard uncertainties of a tenth."""
+    count = len(names)
+    values = 1.0 + np.arange(count)
+    covariance = np.diag((0.1 * values) ** 2)
+    return Fit(names, 0.0, np.zeros(1), values, covariance, np.zeros(3), 0, (1,) * count)
+
+
+def weighed(*entries: tuple[tuple[str, ...], float], unknown: float = -50.0, none: float = 0.0) -> Posterior:
+    """Explanations by names and logarithmic evidence, all of equal prior probability."""
+    hypotheses = [Hypothesis((), False, 0.0, none, fit()), Hypothesis((), True, 0.0, unknown, None)]
+    hypotheses += [Hypothesis(names, False, 0.0, evidence, fit(*names)) for names, evidence in entries]
+    return normalised(hypotheses)
+
+
+def test_run_within_the_budget_is_none():
+    decision = decide(weighed((("tilt",), -3.0), (("drift",), -7.0)))
+    assert decision.verdict == "none"
+    assert decision.named == ()
+    assert [named.effect for named in decision.ranking] == ["tilt", "drift"]
+
+
+def test_clear_effect_is_named_with_its_parameters():
+    decision = decide(weighed((("tilt",), 20.0), (("drift",), 5.0)))
+    assert decision.verdict == "effects"
+    (named,) = decision.named
+    assert (named.effect, named.members) == ("tilt", ("tilt",))
+    assert named.probability == pytest.approx(1.0, abs=1e-6)
+    np.testing.assert_allclose(named.values, [1.0])
+    np.testing.assert_allclose(named.u, [0.1])
+
+
+def test_gap_without_a_name_is_unknown():
+    assert decide(weighed((("tilt",), 10.0), unknown=12.0)).verdict == "unknown"
+
+
+@pytest.mark.parametrize(("behind", "inside"), [(TOLD_APART - 0.1, True), (TOLD_APART + 0.1, False)])
+def test_class_holds_what_is_less_than_its_nats_behind(behind: float, inside: bool):
+    (named,) = decide(weighed((("stray",), 30.0), (("dark",), 30.0 - behind))).named
+    assert ("dark" in named.members) == inside
+
+
+def test_probability_of_a_class_is_that_of_its_members_together():
+    posterior = weighed((("stray",), 20.0), (("dark",), 19.0), (("tilt",), 19.5 - TOLD_APART))
+    (named,) = decide(posterior).named
+    assert set(named.members) == {"stray", "dark"}
+    assert named.probability == pytest.approx(posterior.of("stray") + posterior.of("dark"))
+
+
+@pytest.mark.parametrize("count", [LARGEST_CLASS, LARGEST_CLASS + 1])
+def test_class_that_is_too_large_names_nothing(count: int):
+    decision = decide(weighed(*(((f"effect {k}",), 20.0) for k in range(count))))
+    assert decision.verdict == ("effects" if count == LARGEST_CLASS else "undecided")
+    assert len(decision.named) == (1 if count == LARGEST_CLASS else 0)
+    assert len(decision.ranking[0].members) == count
+
+
+def test_effect_and_none_and_unknown_alike_is_undecided():
+    assert decide(weighed((("tilt",), 0.0), unknown=-0.1, none=-0.1)).verdict == "undecided"
+
+
+def test_two_effects_are_both_named_each_with_its_class():
+    decision = decide(weighed((("stray", "tilt"), 30.0), (("dark", "tilt"), 29.0), (("stray",), 5.0)))
+    assert decision.verdict == "effects"
+    classes = {named.effect: set(named.members) for named in decision.named}
+    assert classes == {"stray": {"stray", "dark"}, "tilt": {"tilt"}}
+    values = {named.effect: named.values[0] for named in decision.named}
+    assert values == {"stray": 1.0, "tilt": 2.0}
+
+
+def test_second_effect_that_is_less_probable_than_not_is_left_out():
+    decision = decide(weighed((("tilt", "stray"), 30.0), (("tilt", "drift"), 26.5), (("tilt",), 29.9)))
+    assert decision.verdict == "effects"
+    assert decision.leading.names == ("tilt", "stray")
+    assert "tilt" in [named.effect for named in decision.named]
+    for named in decision.named:
+        assert named.probability >= 0.5
+
+
+def test_ranking_names_every_effect_once_and_falls():
+    ranking = decide(weighed((("a",), 5.0), (("b",), 4.9), (("c",), -2.0), (("a", "c"), 1.0))).ranking
+    effects = [member for named in ranking for member in named.members]
+    assert sorted(effects) == ["a", "b", "c"]
+    assert [n.probability for n in ranking] == sorted((n.probability for n in ranking), reverse=True)
