@@ -7,7 +7,7 @@ and the cause is told as a suspicion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -43,6 +43,14 @@ class FloorWedge(SceneEffect):
         Parameter("y_deg", "degree", 1.5, (-3.0, 3.0)),
     )
     nodes: ClassVar = (3, 3)
+
+    def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
+        """The floor stays between the plate and the bottom of the block."""
+        form = known.artifact.form
+        room = 0.4 * min(form.cavity_depth - form.plate_thickness, form.block_thickness)
+        reach = [(side / 2 - form.spacer_edge) for side in form.outline]
+        steepest = float(np.rad2deg(np.arctan(room / max(*reach, 1e-6))))
+        return tuple(replace(p, cap=(-steepest, steepest)) for p in super().resolve(known, run))
 
     def not_applicable(self, known: Known) -> str:
         if known.artifact.mesh is not None:
