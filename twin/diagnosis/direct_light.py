@@ -28,7 +28,7 @@ from twin.material import Material
 #: Nodes of a hole and of the beam, and points of the mirror that they take turns with.
 NODES, _BEAM_NODES, _MIRROR = 320, 3072, 12
 #: Parallel beams that stand for a divergent one.
-_BEAMS = 12
+_BEAMS = 7
 _GOLDEN = np.pi * (3 - np.sqrt(5))
 _CELL_MM = 0.3
 

@@ -37,7 +37,7 @@ from twin.tracer import RANDOMISATIONS, SHARE, Part, Tracer
 #: Raised whenever the same variation would give other numbers.
 VERSION = 3
 #: Sight lines of a geometry in each randomisation, a power of two: for scattered light alone, and for all of it.
-SAMPLES, _ALL_SAMPLES = 128, 256
+SAMPLES, _ALL_SAMPLES = 64, 256
 #: Geometries in one launch at most: bounds the memory.
 _TOGETHER = 4096
 Progress = Callable[[int], None]

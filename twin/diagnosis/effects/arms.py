@@ -19,7 +19,7 @@ class IlluminationZenithOffset(SceneEffect):
     name = "illumination_zenith_offset"
     title = "zero of the illumination zenith off"
     parameters = (Parameter("angle_deg", "degree", 1.9, (-5.0, 5.0), budget_of="facility.arms.u_illumination_zenith"),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (5,)
     confused_with = ("session_scale",)
     separated_by = "illumination zenith 60 degrees"
 
@@ -49,7 +49,7 @@ class SensorAzimuthOffset(SceneEffect):
     name = "sensor_azimuth_offset"
     title = "zero of the sensor azimuth off"
     parameters = (Parameter("angle_deg", "degree", 8.0, (-15.0, 15.0), budget_of="facility.arms.u_sensor_azimuth"),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (5,)
     confused_with = ("sample_azimuth",)
     separated_by = "a fine scan of the sensor azimuth across a lobe"
 
@@ -63,7 +63,7 @@ class SensorArmRunout(SceneEffect):
     name = "sensor_arm_runout"
     title = "sensor axis beside the optical centre"
     parameters = (Parameter("offset_mm", "mm", 1.3, (-3.0, 3.0)),)
-    nodes: ClassVar = (9,)
+    nodes: ClassVar = (7,)
     confused_with = ("sensor_zenith_offset", "stale_sample", "sample_tilt")
     separated_by = "points beyond 70 degrees of sensor zenith, and a scan with a smaller iris"
 

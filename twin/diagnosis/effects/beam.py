@@ -37,7 +37,7 @@ class BeamRadius(SceneEffect):
     name = "beam_radius"
     title = "iris wider or narrower"
     parameters = (Parameter("radius_mm", "mm", 1.0, (-1.5, 1.5)),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (5,)
     confused_with = ("field_of_view",)
     separated_by = "the same scan with another iris"
 
@@ -53,7 +53,7 @@ class BeamDivergence(SceneEffect):
 
     name = "beam_divergence"
     title = "beam less parallel"
-    parameters = (Parameter("angle_deg", "degree", 9.0, (0.0, 5.0), budget_of="facility.beam.u_divergence"),)
+    parameters = (Parameter("angle_deg", "degree", 9.0, (0.0, 12.0), budget_of="facility.beam.u_divergence"),)
     nodes: ClassVar = (5,)
     confused_with = ("acceptance_angle",)
     separated_by = "a fine scan of the sensor zenith across a lobe"
@@ -68,7 +68,7 @@ class FieldOfView(SceneEffect):
     name = "field_of_view"
     title = "field of view of the sensor wider or narrower"
     parameters = (Parameter("radius_mm", "mm", 1.0, (-1.5, 3.0)),)
-    nodes: ClassVar = (9,)
+    nodes: ClassVar = (7,)
     confused_with = ("beam_radius", "translucency", "sample_height")
     separated_by = "a scan of the white reference over the sensor zenith with two irises"
 
@@ -81,7 +81,7 @@ class AcceptanceAngle(SceneEffect):
 
     name = "acceptance_angle"
     title = "acceptance angle of the sensor larger or smaller"
-    parameters = (Parameter("radius_mm", "mm", 40.0, (-4.0, 10.0)),)
+    parameters = (Parameter("radius_mm", "mm", 40.0, (-4.0, 40.0)),)
     nodes: ClassVar = (5,)
     confused_with = ("beam_divergence",)
     separated_by = "a fine scan of the sensor zenith across a lobe"

@@ -52,7 +52,7 @@ class HoleDiameterChange(_Dimension):
     name = "hole_diameter"
     title = "holes wider or narrower"
     parameters = (Parameter("delta_mm", "mm", 0.055, (-0.3, 0.3)),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (5,)
     confused_with = ("edge_chamfer", "cavity_reflectance", "plate_thickness")
     separated_by = "illumination zenith 60 degrees"
 
@@ -75,7 +75,7 @@ class PlateThicknessChange(_Dimension):
     name = "plate_thickness"
     title = "plate thicker or thinner"
     parameters = (Parameter("delta_mm", "mm", 0.13, (-0.4, 0.4)),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (5,)
     confused_with = ("hole_diameter", "cavity_depth")
     separated_by = "illumination zenith 60 degrees"
 
@@ -97,7 +97,7 @@ class CavityDepthChange(_Dimension):
     name = "cavity_depth"
     title = "cavity deeper or shallower"
     parameters = (Parameter("delta_mm", "mm", 0.17, (-0.7, 0.7)),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (5,)
     confused_with = ("plate_thickness", "cavity_reflectance", "hole_diameter")
     separated_by = "illumination zenith 60 degrees"
 
@@ -119,7 +119,7 @@ class EdgeChamferWidth(_Dimension):
     name = "edge_chamfer"
     title = "edges of the holes chamfered"
     parameters = (Parameter("delta_mm", "mm", 0.055, (0.0, 0.3)),)
-    nodes: ClassVar = (6,)
+    nodes: ClassVar = (5,)
     confused_with = ("hole_diameter", "sample_height", "stray_light", "dark_offset")
     separated_by = "the same scan with a quarter of the light, and a profile of an edge"
 

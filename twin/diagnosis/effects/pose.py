@@ -33,7 +33,7 @@ class SampleAzimuth(SceneEffect):
     name = "sample_azimuth"
     title = "sample turned about its normal"
     parameters = (Parameter("angle_deg", "degree", 7.8, (-15.0, 15.0), budget_of="facility.sample.u_azimuth"),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (5,)
     confused_with = ("sensor_azimuth_offset",)
     separated_by = "a fine scan of the sensor azimuth across a lobe of the lattice"
 
@@ -47,7 +47,7 @@ class SampleHeight(SceneEffect):
     name = "sample_height"
     title = "sample too high or too low"
     parameters = (Parameter("height_mm", "mm", 1.3, (-6.0, 6.0), budget_of="facility.sample.u_height"),)
-    nodes: ClassVar = (9,)
+    nodes: ClassVar = (7,)
     confused_with = ("edge_chamfer", "field_of_view")
     separated_by = "a scan of the white reference over the sensor zenith"
 
@@ -61,10 +61,10 @@ class SampleOffset(SceneEffect):
     name = "sample_offset"
     title = "sample moved in its plane"
     parameters = (
-        Parameter("x_mm", "mm", 2.4, (-2.1, 2.1), budget_of="facility.sample.u_offset"),
-        Parameter("y_mm", "mm", 2.4, (-2.1, 2.1), budget_of="facility.sample.u_offset"),
+        Parameter("x_mm", "mm", 2.4, (-1.6, 1.6), budget_of="facility.sample.u_offset"),
+        Parameter("y_mm", "mm", 2.4, (-1.6, 1.6), budget_of="facility.sample.u_offset"),
     )
-    nodes: ClassVar = (7, 7)
+    nodes: ClassVar = (5, 5)
     confused_with = ("beam_offset",)
     separated_by = "the same scan with the sample moved by half a pitch"
 
