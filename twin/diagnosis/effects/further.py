@@ -1,8 +1,8 @@
 """Causes beyond the catalogue of the data contract: not named, but what they explain is nobody else's.
 
-Effects mimic each other, so a run with a cause that no effect of the catalogue covers would be given a wrong name. These
-stand for such causes: where one of them explains a run better than any effect of the catalogue, the verdict is unknown,
-and the cause is told as a suspicion.
+Effects mimic each other, so a run with a cause that no effect of the catalogue covers would be given a wrong name.
+These stand for such causes: where one of them explains a run better than any effect of the catalogue, the verdict is
+unknown, and the cause is told as a suspicion.
 """
 
 from __future__ import annotations
