@@ -148,7 +148,7 @@ class Ghost(ReadingEffect):
         Parameter("azimuth_deg", "degree", 45.0, (0.0, 180.0), nominal=90.0, shape=True),
         Parameter("width_deg", "degree", 8.0, (6.0, 30.0), nominal=12.0, shape=True),
     )
-    shapes = 5
+    shapes = 4
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
         view = direction(run.columns["sensor_zenith"], run.columns["sensor_azimuth"])
