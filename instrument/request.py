@@ -21,6 +21,7 @@ from instrument.safety import Pose
 from instrument.scan_options import check_options
 
 PLAN_NAME, FACILITY_NAME, ARTIFACT_NAME = "plan.toml", "facility.toml", "artifact.toml"
+CORRECTIONS_NAME = "corrections.toml"
 #: What a material is called in a run folder, by its form (the last part of its own name; others are taken as netCDF). A
 #: ``material.toml`` may refer to files of the others, so it is looked for first.
 MATERIAL_NAMES = {form: f"material{form}" for form in (".toml", ".csv", ".bsdf", ".nc")}
@@ -39,6 +40,8 @@ class ScanRequest(BaseModel):
         Start the simulated laboratory, with a clock so many times faster, and its seed.
     devices
         ``devices.toml`` of a laboratory; excludes ``simulate``.
+    corrections
+        Effects that the twin is to include, from a diagnosis.
     out
         The run folder; ``runs/<UTC time>-<plan>`` by default. Must not hold a run already.
     twin
@@ -57,6 +60,7 @@ class ScanRequest(BaseModel):
     facility: Path | None = None
     artifact: Path | None = None
     material: Path | None = None
+    corrections: Path | None = None
     out: Path | None = None
     twin: bool = True
     resume: Path | None = None
@@ -95,6 +99,7 @@ class GivenInputs:
     devices: Path | None
     simulate: Simulation | None
     resumed: JournalContent | None = None
+    corrections: Path | None = None
 
     def filled(self, examples: Inputs) -> GivenInputs:
         """With the laboratory's own files where none were given."""
@@ -121,6 +126,7 @@ class ScanInputs:
     devices: Path
     simulate: Simulation | None
     resumed: JournalContent | None
+    corrections: Path | None = None
 
 
 def inputs_of(request: ScanRequest) -> GivenInputs:
@@ -133,7 +139,7 @@ def inputs_of(request: ScanRequest) -> GivenInputs:
     """
     check_options({name: getattr(request, name) for name in request.model_fields_set})
     given = _resumed(request) if request.resume is not None else _new(request)
-    for path in (given.plan, given.material, given.devices):
+    for path in (given.plan, given.material, given.devices, given.corrections):
         if path is not None and not path.is_file():
             raise InputError(f"{path}: no such file")
     if given.artifact is not None:
@@ -146,7 +152,15 @@ def inputs_of(request: ScanRequest) -> GivenInputs:
 
 def _new(request: ScanRequest) -> GivenInputs:
     simulate = Simulation(request.speed, request.seed) if request.simulate else None
-    return GivenInputs(request.plan, request.facility, request.artifact, request.material, request.devices, simulate)
+    return GivenInputs(
+        request.plan,
+        request.facility,
+        request.artifact,
+        request.material,
+        request.devices,
+        simulate,
+        corrections=request.corrections,
+    )
 
 
 def _resumed(request: ScanRequest) -> GivenInputs:
@@ -175,6 +189,7 @@ def _resumed(request: ScanRequest) -> GivenInputs:
         devices=None if simulate else request.devices or folder / DEVICES_NAME,
         simulate=simulate,
         resumed=content,
+        corrections=existing(folder / CORRECTIONS_NAME),
     )
 
 
@@ -208,6 +223,7 @@ def complete(given: GivenInputs) -> ScanInputs:
         devices=given.devices,
         simulate=given.simulate,
         resumed=given.resumed,
+        corrections=given.corrections,
     )
 
 

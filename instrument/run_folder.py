@@ -16,6 +16,7 @@ from instrument.forms import read_toml
 from instrument.journal import JOURNAL_NAME
 from instrument.request import (
     ARTIFACT_NAME,
+    CORRECTIONS_NAME,
     DEVICES_NAME,
     FACILITY_NAME,
     MATERIAL_NAMES,
@@ -180,4 +181,5 @@ def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:
         facility_path=copy_facility(inputs.facility_path, folder),
         artifact=copy_artifact(inputs.artifact, folder) if inputs.artifact else None,
         material=copy_material(inputs.material, folder) if inputs.material else None,
+        corrections=copy_file(inputs.corrections, folder, CORRECTIONS_NAME) if inputs.corrections else None,
     )

@@ -21,6 +21,9 @@ def scan(
     facility: Annotated[Path | None, typer.Option(help="What is known of the instrument (facility.toml).")] = None,
     artifact: Annotated[Path | None, typer.Option(help="What lies on the stage (artifact.toml).")] = None,
     material: Annotated[Path | None, typer.Option(help="Coupon run or table of its coating.")] = None,
+    corrections: Annotated[
+        Path | None, typer.Option(help="Effects that the twin includes, from goniotwin diagnose --save-twin.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; runs/<UTC time>-<plan> by default.")] = None,
     no_twin: Annotated[bool, typer.Option("--no-twin", help="Measure only; nothing is predicted.")] = False,
     resume: Annotated[Path | None, typer.Option(help="Run folder of an interrupted scan to go on with.")] = None,
@@ -42,6 +45,7 @@ def scan(
         "facility": facility,
         "artifact": artifact,
         "material": material,
+        "corrections": corrections,
         "out": out,
         "resume": resume,
     }

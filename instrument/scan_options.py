@@ -8,7 +8,7 @@ from typing import Any
 from instrument.errors import InputError
 
 #: What a resumed run brings along.
-_OF_THE_RUN = ("plan", "facility", "artifact", "material", "out")
+_OF_THE_RUN = ("plan", "facility", "artifact", "material", "corrections", "out")
 
 
 def check_options(given: Mapping[str, Any]) -> None:

@@ -38,6 +38,10 @@ def compare_command(
             " for the next time."
         ),
     ] = True,
+    corrections: Annotated[
+        Path | None,
+        typer.Option(help="Effects to include, from goniotwin diagnose --save-twin.", show_default=False),
+    ] = None,
 ) -> None:
     """Compare a measured run with a prediction, point by point and by azimuth plane.
 
@@ -47,7 +51,17 @@ def compare_command(
     _check_outputs(json, figures, standard_error)
     inputs = {"artifact": artifact, "material": material, "facility": facility}
     run_file, prediction, inputs = _resolve(run, prediction, inputs)
-    _compare(run_file, prediction, inputs, json, figures, standard_error, seed, uncertainty)
+    _check_corrections(corrections, prediction)
+    _compare(run_file, prediction, inputs, json, figures, standard_error, seed, uncertainty, corrections)
+
+
+def _check_corrections(corrections: Path | None, prediction: Path | None) -> None:
+    from instrument.errors import InputError
+
+    if corrections is not None and prediction is not None:
+        raise InputError(
+            f"--corrections {corrections}: {prediction} is made already; expected --artifact, --material and --facility"
+        )
 
 
 def _check_outputs(json: Path | None, figures: Path | None, standard_error: float) -> None:
@@ -108,6 +122,7 @@ def _compare(
     standard_error: float,
     seed: int,
     uncertainty: bool,
+    corrections: Path | None = None,
 ) -> None:
     from rich.console import Console
 
@@ -117,7 +132,10 @@ def _compare(
     from twin.tables import comparison_tables
 
     run = read_run(run_file)
-    predicted = _read(prediction_file) if prediction_file else _predict(run, inputs, standard_error, seed, uncertainty)
+    if prediction_file:
+        predicted = _read(prediction_file)
+    else:
+        predicted = _predict(run, inputs, standard_error, seed, uncertainty, corrections)
     comparison = compare(run, predicted)
     console = Console()
     for table in comparison_tables(comparison):
@@ -152,8 +170,14 @@ def _read(file: Path) -> xr.Dataset:
 
 
 def _predict(
-    run: xr.Dataset, inputs: dict[str, Path | None], standard_error: float, seed: int, uncertainty: bool
+    run: xr.Dataset,
+    inputs: dict[str, Path | None],
+    standard_error: float,
+    seed: int,
+    uncertainty: bool,
+    corrections: Path | None = None,
 ) -> xr.Dataset:
+    from twin.corrections import corrected_twin
     from twin.input_uncertainty import find_input_uncertainty, with_inputs
     from twin.prediction import Twin
     from twin.state_vector import state_vector_from_files
@@ -162,9 +186,15 @@ def _predict(
     assert facility is not None
     assert artifact is not None
     assert material is not None
-    twin = Twin.from_files(facility, artifact, material, seed=seed)
+    if corrections is None:
+        twin = Twin.from_files(facility, artifact, material, seed=seed)
+    else:
+        twin = corrected_twin(facility, artifact, material, corrections, seed=seed)
     typer.echo(f"predicting {run.sizes['point']} points by ray tracing", err=True)
     prediction = twin.predict(run, standard_error=standard_error)
+    for name in ("corrections", "corrections_left_out"):
+        if name in prediction.attrs:
+            typer.echo(f"{name.replace('_', ' ')}: {prediction.attrs[name]}", err=True)
     if not uncertainty:
         return prediction
     state = state_vector_from_files(facility, artifact, material)

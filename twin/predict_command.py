@@ -41,6 +41,10 @@ def predict_command(
             show_default=False,
         ),
     ] = None,
+    corrections: Annotated[
+        Path | None,
+        typer.Option(help="Effects to include, from goniotwin diagnose --save-twin.", show_default=False),
+    ] = None,
 ) -> None:
     """Predict the reflectance factor of every point of a plan or of a run by ray tracing."""
     from instrument.errors import InputError
@@ -49,6 +53,8 @@ def predict_command(
     if not 1e-6 <= standard_error < 1:
         raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
     check_writable(out)
+    if uncertainty and corrections is not None:
+        raise InputError("--corrections: the uncertainties of a corrected twin are not propagated; leave --uncertainty")
     if uncertainty:
         where = {"workers": workers, "address": dask}
         _propagate(plan_or_run, artifact, material, facility, out, standard_error, seed, draws, unstated, where)
@@ -57,11 +63,18 @@ def predict_command(
     if any(given.values()):
         names = ", ".join(name for name, is_given in given.items() if is_given)
         raise InputError(f"{names}: only used with --uncertainty; expected that too")
-    _predict(plan_or_run, artifact, material, facility, out, standard_error, seed)
+    _predict(plan_or_run, artifact, material, facility, out, standard_error, seed, corrections)
 
 
 def _predict(
-    plan_or_run: Path, artifact: Path, material: Path, facility: Path, out: Path, standard_error: float, seed: int
+    plan_or_run: Path,
+    artifact: Path,
+    material: Path,
+    facility: Path,
+    out: Path,
+    standard_error: float,
+    seed: int,
+    corrections: Path | None = None,
 ) -> None:
     import time
 
@@ -75,9 +88,13 @@ def _predict(
     sample, surface = read_artifact(artifact), read_material(material)
     typer.echo(surface.describe())
 
+    from twin.corrections import corrected_twin
     from twin.prediction import Twin
 
-    twin = Twin(known, sample, surface, seed=seed)
+    if corrections is None:
+        twin = Twin(known, sample, surface, seed=seed)
+    else:
+        twin = corrected_twin(facility, artifact, material, corrections, seed=seed)
     started = time.perf_counter()
     prediction = twin.predict(geometries, standard_error=standard_error)
     elapsed = time.perf_counter() - started
@@ -161,6 +178,9 @@ def _say(prediction: Any, elapsed: float, out: Path) -> None:
         f" {100 * float(relative.median()):.3f} % (median), {100 * float(relative.max()):.3f} % (largest)"
     )
     typer.echo(f"u_brf holds {prediction.attrs['u_brf_contains']}")
+    for name in ("corrections", "corrections_left_out"):
+        if name in prediction.attrs:
+            typer.echo(f"{name.replace('_', ' ')}: {prediction.attrs[name]}")
     typer.echo(f"written: {out}")
 
 

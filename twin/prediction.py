@@ -18,7 +18,7 @@ from instrument.errors import InputError
 from instrument.events import Geometry
 from instrument.facility import Facility, read_facility
 from instrument.lambertian import lambertian_flux
-from twin.artifact import Surface, build_mesh
+from twin.artifact import Surface, SurfaceMesh, build_mesh
 from twin.material import Material, read_material
 from twin.optics import COORDINATES, Setup, geometry_columns, lay_out, reference_change
 from twin.prepared import Prepared
@@ -74,6 +74,8 @@ class Twin:
         plan, a geometry gets the same value at the same number of samples.
     surface_factor
         Reflectance of each surface over the material's.
+    mesh
+        Surfaces of the sample; by default made from ``artifact``.
     """
 
     def __init__(
@@ -84,9 +86,10 @@ class Twin:
         *,
         seed: int = 1,
         surface_factor: dict[Surface, float] | None = None,
+        mesh: SurfaceMesh | None = None,
     ) -> None:
         self.facility, self.artifact, self.material, self.seed = facility, artifact, material, seed
-        self.mesh = build_mesh(artifact)
+        self.mesh = build_mesh(artifact) if mesh is None else mesh
         self._tracer = Tracer(self.mesh, material, surface_factor=surface_factor)
 
     @classmethod

@@ -28,7 +28,7 @@ from instrument.events import Geometry
 Json = dict[str, Any]
 
 #: What the process calls with (facility, artifact, material) to get an object with ``predict``.
-TWIN_FACTORY = "twin.prediction:Twin.from_files"
+TWIN_FACTORY = "twin.scan_twin:scan_twin"
 #: And to get one with ``uncertainty``.
 UNCERTAINTY_FACTORY = "twin.input_uncertainty:UncertainTwin.from_files"
 

@@ -27,6 +27,10 @@ def diagnose_command(
     report: Annotated[
         Path | None, typer.Option(help="Write the diagnosis here, for people (.html).", show_default=False)
     ] = None,
+    save_twin: Annotated[
+        Path | None,
+        typer.Option(help="Write the named effects here (.toml), for --corrections.", show_default=False),
+    ] = None,
     cache: Annotated[
         Path | None, typer.Option(help="Folder for renderings; by default the user's.", show_default=False)
     ] = None,
@@ -50,23 +54,35 @@ def diagnose_command(
     """
     from instrument.output import check_writable
 
-    for file in (json, prediction, report):
+    for file in (json, prediction, report, save_twin):
         if file is not None:
             check_writable(file)
     inputs = _inputs(run, {"facility": facility, "artifact": artifact, "material": material})
     if inputs is None or columns is not None:
-        _check_alone({"--prediction": prediction, "--report": report}, inputs, columns)
+        _check_alone({"--prediction": prediction, "--report": report, "--save-twin": save_twin}, inputs, columns)
         _symmetries_alone(run, columns, symmetry, wavelength, json)
         return
     diagnosis = _diagnose(run, inputs, cache)
     found = _parity(diagnosis, symmetry, wavelength)
     _tell(diagnosis, found)
     _write(diagnosis, found, json, prediction)
+    if save_twin is not None:
+        _save_twin(diagnosis, save_twin)
     if report is not None:
         from twin.diagnosis.report import write_report
 
         write_report(diagnosis, found, report)
         typer.echo(f"written: {report}")
+
+
+def _save_twin(diagnosis: Diagnosis, file: Path) -> None:
+    from twin.corrections import write_corrections
+    from twin.diagnosis.outcome import corrections_of
+
+    found = corrections_of(diagnosis)
+    write_corrections(found, file)
+    named = ", ".join(one.effect for one in found.effects) or "no effect, as none is named"
+    typer.echo(f"written: {file} ({named})")
 
 
 def _check_alone(outputs: dict[str, Path | None], inputs: Inputs | None, columns: Path | None) -> None:

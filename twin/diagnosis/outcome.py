@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from instrument.angles import FloatArray
+from twin.corrections import Correction, Corrections
 from twin.diagnosis.diagnose import Diagnosis
 from twin.diagnosis.verdict import Named
 
@@ -73,6 +75,19 @@ def next_scans(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             if text:
                 scans.setdefault(text, []).append([named.effect, other])
     return [{"description": text, "separates": pairs} for text, pairs in scans.items()]
+
+
+def corrections_of(diagnosis: Diagnosis) -> Corrections:
+    """The named effects as a corrections file has them; empty where none is named."""
+    effects = []
+    for named in diagnosis.decision.named:
+        found = parameters(diagnosis, named)
+        values = {name: entry["value"] for name, entry in found.items()}
+        effects.append(
+            Correction(effect=named.effect, parameters=values, u={name: entry["u"] for name, entry in found.items()})
+        )
+    run = Path(diagnosis.prepared.problem.run.name).name
+    return Corrections(form="corrections", version=1, found_in=(run,), effects=tuple(effects))
 
 
 def predictions(diagnosis: Diagnosis) -> xr.Dataset:

@@ -1,0 +1,153 @@
+"""Corrections of the twin: what is added to the nominal configuration, on scene and on reading, from a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from traced_samples import artifact, facility
+
+from instrument.errors import InputError
+from twin.corrections import (
+    CorrectedTwin,
+    Correction,
+    Corrections,
+    plan_acquisition,
+    read_corrections,
+    resolve,
+    write_corrections,
+)
+from twin.diagnosis.effects import Known
+from twin.material import lambertian
+from twin.optics import Setup, reference_change
+from twin.prediction import Twin
+
+REAL = facility(profile="gaussian", mirror=10.8)
+KNOWN = Known(REAL, artifact(), lambertian(0.6))
+SAMPLES = 2048
+
+
+def columns(*zenith: float, light: float = 15.0) -> dict[str, np.ndarray]:
+    values = np.array(zenith)
+    same = np.zeros_like(values)
+    return {
+        "wavelength": same + 500.0,
+        "illumination_zenith": same + light,
+        "illumination_azimuth": same,
+        "sensor_zenith": values,
+        "sensor_azimuth": same + 50.0,
+    }
+
+
+def corrections(**effects: dict[str, float]) -> Corrections:
+    entries = tuple(Correction(effect=name, parameters=values) for name, values in effects.items())
+    return Corrections(form="corrections", version=1, effects=entries)
+
+
+def brf(given: dict[str, np.ndarray], *, ordered: bool = True, **effects: dict[str, float]) -> np.ndarray:
+    twin = CorrectedTwin(
+        KNOWN.facility, KNOWN.artifact, KNOWN.material, resolve(corrections(**effects), KNOWN, ordered=ordered)
+    )
+    return twin.estimate(given, samples=SAMPLES, seed=3).brf
+
+
+@pytest.fixture(scope="module")
+def nominal() -> Twin:
+    return Twin(KNOWN.facility, KNOWN.artifact, KNOWN.material)
+
+
+POINTS = columns(-60.0, -20.0, 40.0, 70.0)
+
+
+def test_a_scene_effect_is_the_nominal_twin_in_another_setup(nominal):
+    """The same random numbers: equal but for rounding."""
+    expected = nominal.estimate(POINTS, samples=SAMPLES, seed=3, setup=Setup(tilt_x_deg=0.7, height_mm=1.0)).brf
+    found = brf(POINTS, sample_tilt={"x_deg": 0.7}, sample_height={"height_mm": 1.0})
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_an_arm_that_is_off_is_off_during_the_reference_too(nominal):
+    off = Setup(sensor_zenith_deg=0.5)
+    found = brf(POINTS, sensor_zenith_offset={"angle_deg": 0.5})
+    np.testing.assert_allclose(found, nominal.estimate(POINTS, samples=SAMPLES, seed=3, setup=off).brf, rtol=1e-6)
+
+
+def test_backlash_moves_points_by_half_of_it_either_way_and_leaves_the_reference(nominal):
+    rising, falling = columns(20.0, 40.0, 60.0), columns(60.0, 40.0, 20.0)
+    up, down = (brf(c, backlash={"angle_deg": 1.0})[1] for c in (rising, falling))
+    for found, angle in ((up, 0.5), (down, -0.5)):
+        setup = Setup(sensor_zenith_deg=angle)
+        alone = nominal.estimate(rising, samples=SAMPLES, seed=3, setup=setup).brf[1]
+        assert found == pytest.approx(alone * reference_change(REAL, setup), rel=1e-9)
+
+
+def test_effects_on_the_reading_follow_their_definition(nominal):
+    plain = nominal.estimate(POINTS, samples=SAMPLES, seed=3).brf
+    np.testing.assert_allclose(brf(POINTS, reference_scale={"ratio": 1.02}), plain / 1.02, rtol=1e-12)
+    signal = plan_acquisition(POINTS, REAL).signal_per_brf
+    np.testing.assert_allclose(brf(POINTS, stray_light={"fraction": 0.01}), plain + 0.01 / signal, rtol=1e-12)
+
+
+def test_dimensions_are_those_of_a_changed_artifact():
+    changed = Twin(REAL, KNOWN.artifact.changed(hole_diameter=0.1), KNOWN.material)
+    expected = changed.estimate(POINTS, samples=SAMPLES, seed=3).brf
+    np.testing.assert_allclose(brf(POINTS, hole_diameter={"delta_mm": 0.1}), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["dark_offset", "gain_step", "source_drift", "session_scale"])
+def test_what_only_a_run_tells_is_left_out_and_said(name):
+    applied = resolve(corrections(**{name: {}}), KNOWN, ordered=True)
+    assert name in applied.left_out
+    assert not applied.effects
+
+
+def test_the_order_of_points_counts_for_plans_alone():
+    given = corrections(backlash={"angle_deg": 1.0})
+    assert not resolve(given, KNOWN, ordered=True).left_out
+    assert "order" in resolve(given, KNOWN, ordered=False).left_out["backlash"]
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path: Path):
+    given = corrections(sample_tilt={"x_deg": 0.25, "y_deg": -0.1})
+    write_corrections(given, tmp_path / "c.toml")
+    assert read_corrections(tmp_path / "c.toml") == given
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ('effect = "tilt"\nparameters = {}', "effects.0: effect: found 'tilt'"),
+        ('effect = "sample_tilt"', "effects.0.parameters: missing"),
+        ('effect = "sample_tilt"\nparameters = {}\ncolour = 1', "unknown key"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_named(tmp_path, entry, said):
+    file = tmp_path / "c.toml"
+    file.write_text(f'form = "corrections"\nversion = 1\n[[effects]]\n{entry}\n')
+    with pytest.raises(InputError, match=said):
+        read_corrections(file)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [({"z_deg": 1.0}, "unknown z_deg; expected x_deg, y_deg"), ({"x_deg": 30.0}, "found 30; expected -3.5 to 3.5")],
+)
+def test_parameters_must_exist_and_be_possible(values, said):
+    with pytest.raises(InputError, match=said):
+        resolve(corrections(sample_tilt=values), KNOWN, ordered=True)
+
+
+def test_the_twin_of_a_scan_takes_the_corrections_beside_the_artifact(tmp_path, monkeypatch):
+    """Files of a run folder; what is made of them is told apart without tracing."""
+    from twin import corrections as module
+    from twin import scan_twin
+
+    made = []
+    monkeypatch.setattr(scan_twin.Twin, "from_files", classmethod(lambda cls, *files: made.append("nominal")))
+    monkeypatch.setattr(module, "corrected_twin", lambda *files, ordered: made.append(("corrected", ordered)))
+    files = (tmp_path / "facility.toml", tmp_path / "artifact.toml", tmp_path / "material.nc")
+    scan_twin.scan_twin(*files)
+    write_corrections(corrections(), tmp_path / "corrections.toml")
+    scan_twin.scan_twin(*files)
+    assert made == ["nominal", ("corrected", False)]
