@@ -2,7 +2,7 @@
 
 Every listener has a thread and a queue of its own: a slow one lags, a failing one is detached and reported,
 and the scan notices neither. The history is kept, so that a listener that comes late sees everything from
-the beginning.
+the beginning; of a very long scan it sees the beginning and the last part, and is told so.
 """
 
 from __future__ import annotations
@@ -11,15 +11,18 @@ import logging
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import TypeVar
 
-from instrument.events import Event, Message
+from instrument.events import Event, Message, ScanStarted
 
 log = logging.getLogger(__name__)
 Handler = Callable[[Event], None]
 E = TypeVar("E")
+#: Events kept for listeners that come late, some 2 kB each: a night's scan is whole, and memory bounded.
+KEPT = 20_000
 
 
 class Subscription:
@@ -90,18 +93,25 @@ class EventBus:
     ----------
     now
         Time (UTC) for messages that are not the engine's.
+    kept
+        How many events the history holds, beside the last start of a scan.
     """
 
-    def __init__(self, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
+    def __init__(self, now: Callable[[], datetime] = lambda: datetime.now(UTC), kept: int = KEPT) -> None:
         self.now = now
         self._lock = threading.RLock()
-        self._history: list[Event] = []
+        self._history: deque[Event] = deque(maxlen=kept)
+        self._published = 0
+        self._started: ScanStarted | None = None
         self._subscriptions: list[Subscription] = []
 
     def publish(self, event: Event) -> None:
         """Hand an event to every listener; from any thread, returns at once."""
         with self._lock:
             self._history.append(event)
+            self._published += 1
+            if isinstance(event, ScanStarted):
+                self._started = event
             for subscription in self._subscriptions:
                 subscription.put(event)
 
@@ -120,7 +130,7 @@ class EventBus:
         subscription = Subscription(name, handler, self._detach)
         with self._lock:
             if replay:
-                for event in self._history:
+                for event in self._replay():
                     subscription.put(event)
             self._subscriptions.append(subscription)
         return subscription
@@ -134,26 +144,41 @@ class EventBus:
 
     @property
     def history(self) -> tuple[Event, ...]:
-        """Everything published so far, oldest first."""
+        """What was published so far, oldest first, as far as it is kept."""
         with self._lock:
             return tuple(self._history)
+
+    def _replay(self) -> list[Event]:
+        """What a listener that comes late is given."""
+        lost = self._published - len(self._history)
+        if not lost:
+            return list(self._history)
+        left_out = Message(
+            time=self.now(),
+            level="info",
+            text=f"{lost} earlier events are left out here",
+            advice="the journal of the run holds every reading",
+        )
+        beginning = [self._started] if self._started is not None and self._started not in self._history else []
+        return [*beginning, left_out, *self._history]
 
     def latest(self, kind: type[E]) -> E | None:
         """The last event of a class, or None."""
         with self._lock:
-            return next((event for event in reversed(self._history) if isinstance(event, kind)), None)
+            found = next((event for event in reversed(self._history) if isinstance(event, kind)), None)
+            return self._started if found is None and isinstance(self._started, kind) else found
 
     def drain(self, timeout: float = 10.0) -> bool:
         """Wait (wall-clock seconds) until all listeners have handled all events; False where one is behind."""
         deadline = time.monotonic() + timeout
         while True:
             with self._lock:
-                count, subscriptions = len(self._history), tuple(self._subscriptions)
+                count, subscriptions = self._published, tuple(self._subscriptions)
             for subscription in subscriptions:
                 if not subscription.drain(max(deadline - time.monotonic(), 0.0)):
                     return False
             with self._lock:
-                if len(self._history) == count:
+                if self._published == count:
                     return True
 
     def close(self, timeout: float = 10.0) -> tuple[str, ...]:

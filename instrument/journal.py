@@ -11,7 +11,7 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -86,20 +86,12 @@ class JournalContent:
 
 @dataclass
 class _Contents:
-    """Grows while lines are read or written; keeps every point to once."""
+    """Grows while lines are read."""
 
     references: list[dict[str, Any]] = field(default_factory=list)
     points: dict[int, dict[str, Any]] = field(default_factory=dict)
     skipped: dict[int, dict[str, Any]] = field(default_factory=dict)
     others: list[dict[str, Any]] = field(default_factory=list)
-
-    def refusal(self, record: Mapping[str, Any]) -> str:
-        """Why a record cannot follow those before it; empty when it can."""
-        if record["kind"] == "header":
-            return "a second header"
-        if record["kind"] in ("point", "skipped") and record["index"] in self.points:
-            return f"point {record['index']} is recorded already"
-        return ""
 
     def add(self, record: dict[str, Any]) -> None:
         if record["kind"] == "point":
@@ -113,16 +105,26 @@ class _Contents:
             self.others.append(record)
 
 
+def _refusal(record: Mapping[str, Any], done: Container[int]) -> str:
+    """Why a record cannot follow those before it, among them the points ``done``; empty when it can."""
+    if record["kind"] == "header":
+        return "a second header"
+    if record["kind"] in ("point", "skipped") and record["index"] in done:
+        return f"point {record['index']} is recorded already"
+    return ""
+
+
 class Journal:
     """Writes the journal of one run. Made by :meth:`create` or :meth:`reopen`; a context manager that closes it.
 
-    One program writes at a time: the file is locked while it is open.
+    One program writes at a time: the file is locked while it is open. Of what is written only the indices of the
+    points stay in memory, however long a scan gets.
     """
 
-    def __init__(self, path: Path, descriptor: int, length: int, chain: str, contents: _Contents) -> None:
+    def __init__(self, path: Path, descriptor: int, length: int, chain: str, done: set[int]) -> None:
         self.path = path
         self._descriptor: int | None = descriptor
-        self._length, self._chain, self._contents = length, chain, contents
+        self._length, self._chain, self._done = length, chain, done
 
     @classmethod
     def create(cls, run_dir: Path, header: Mapping[str, Any]) -> Journal:
@@ -148,7 +150,7 @@ class Journal:
         except OSError as error:
             raise InputError(f"{path}: cannot be made: {error.strerror}") from None
         _hold(descriptor, path)
-        journal = cls(path, descriptor, 0, chain, _Contents())
+        journal = cls(path, descriptor, 0, chain, set())
         journal._append(line)
         sync_folder(run_dir)
         return journal
@@ -173,10 +175,7 @@ class Journal:
         except BaseException:
             os.close(descriptor)
             raise
-        contents = _Contents(
-            list(content.references), dict(content.points), dict(content.skipped), list(content.others)
-        )
-        journal = cls(path, descriptor, content.length, content.digest, contents)
+        journal = cls(path, descriptor, content.length, content.digest, set(content.points))
         if content.torn is not None:
             os.ftruncate(descriptor, content.length)
             os.fsync(descriptor)
@@ -202,13 +201,14 @@ class Journal:
             If the disk refuses; nothing of the record remains then.
         """
         record = _checked({"kind": kind} | payload)
-        refusal = self._contents.refusal(record)
+        refusal = _refusal(record, self._done)
         if refusal:
             raise JournalError(f"{self.path}: {refusal}")
         line, chain = _line(record, self._chain)
         self._append(line)
         self._chain = chain
-        self._contents.add(record)
+        if kind == "point":
+            self._done.add(record["index"])
 
     @property
     def digest(self) -> str:
@@ -218,7 +218,7 @@ class Journal:
     @property
     def done(self) -> frozenset[int]:
         """Indices of the points recorded so far."""
-        return frozenset(self._contents.points)
+        return frozenset(self._done)
 
     def close(self) -> None:
         """Release the file. May be repeated."""
@@ -295,7 +295,7 @@ def read_journal(path: Path) -> JournalContent:
     for number, line in enumerate(complete[1:], start=2):
         chains.append(_verified_chain(path, number, line, chains[-1]))
         record = _read_record(path, number, line)
-        refusal = contents.refusal(record)
+        refusal = _refusal(record, contents.points)
         if refusal:
             raise InputError(f"{path}: line {number}: {refusal}")
         contents.add(record)

@@ -33,6 +33,11 @@ class Progress:
         """Points neither measured nor skipped, in order."""
         return [i for i in range(self.total) if i not in self.measured and i not in self.skipped]
 
+    @property
+    def left(self) -> int:
+        """How many points are missing; costs the same however many there are."""
+        return self.total - len(self.measured) - len(self.skipped)
+
     def summary(self) -> str:
         """What is lacking, in words; empty when nothing is."""
         lacking = self.total - len(self.measured)
@@ -40,7 +45,7 @@ class Progress:
 
     def expect(self, wall_seconds: float) -> None:
         """Take in the estimate: wall-clock seconds for what is missing now."""
-        self._expected = wall_seconds / max(len(self.missing()), 1)
+        self._expected = wall_seconds / max(self.left, 1)
 
     def begin(self) -> None:
         """A point begins."""
@@ -58,4 +63,4 @@ class Progress:
         """Wall-clock seconds for what is missing: the estimate at first, then the mean pace that was seen."""
         seen = min(self._timed, _TRUSTED)
         mean = self._spent / self._timed if self._timed else 0.0
-        return len(self.missing()) * (mean * seen + self._expected * (_TRUSTED - seen)) / _TRUSTED
+        return self.left * (mean * seen + self._expected * (_TRUSTED - seen)) / _TRUSTED

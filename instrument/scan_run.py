@@ -117,8 +117,22 @@ class Interrupts:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
+    @contextmanager
+    def ending(self) -> Iterator[None]:
+        """Let a request to terminate end the program by way of its clean-up: nothing temporary stays behind."""
+        numbers = (signal.SIGTERM, signal.SIGHUP)
+        before = {number: signal.signal(number, self._end) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
     def _count(self, number: int, frame: FrameType | None) -> None:
         self.count += 1
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
 
 
 def run_scan(request: ScanRequest, report: Path | None = None, settings: ScanSettings | None = None) -> int:
@@ -145,7 +159,7 @@ def run_scan(request: ScanRequest, report: Path | None = None, settings: ScanSet
     by_hand = TerminalOperator(keyboard, console)
     simulated = request.simulate or (request.resume is not None and request.devices is None)
     session = ScanSession(request, operator=None if simulated else by_hand, settings=settings)
-    with ScanDisplay(console) as display:
+    with interrupts.ending(), ScanDisplay(console) as display:
         session.subscribe(display.show, "the terminal")
         with session:
             display.predicted = session.observed

@@ -22,7 +22,7 @@ from instrument.bus import EventBus, Handler, Subscription
 from instrument.dataset import run_of_journal, write_run
 from instrument.engine import ScanEngine
 from instrument.errors import InputError
-from instrument.events import ScanEnded
+from instrument.events import Message, ScanEnded
 from instrument.job import ScanFiles, ScanJob
 from instrument.journal import Journal, JournalContent, read_journal
 from instrument.laboratories import StartedLaboratory, laboratory_factory
@@ -198,12 +198,31 @@ class ScanSession:
         return self._audience.finish(self.run_dir) if self._audience else []
 
     def close(self) -> None:
-        """Abort if still running, then release devices, lock, observers and laboratory. May be repeated."""
+        """Abort if still running, then release devices, lock, observers and laboratory. May be repeated.
+
+        An engine that hangs in a device that never returns is waited for only so long: it no longer shows signs of
+        life, so the watchdog of the source is not fed any more, and the emission ends by itself.
+        """
         if self._engine is not None and self._started:
-            self._engine.abort("the program ends")
-            self._engine.wait()
+            self._end_engine(self._engine)
         self._stack.close()
         self.bus.close()
+
+    def _end_engine(self, engine: ScanEngine) -> None:
+        patience = self._settings.close_limit_wall
+        engine.abort("the program ends")
+        if engine.wait(patience) is not None:
+            return
+        engine.halt("the program ends, and an orderly end takes too long")
+        if engine.wait(patience) is None:
+            self.bus.publish(
+                Message(
+                    time=self._now(),
+                    level="error",
+                    text=f"the scan did not end within {2 * patience:g} s: it hangs in state {engine.state}",
+                    advice="look at the instrument: switch the source off and see that the arms stand still",
+                )
+            )
 
     def __enter__(self) -> ScanSession:
         self.open()

@@ -64,6 +64,8 @@ class ScanSettings(Form):
     relight
         Who ends a suspension for lost light. A class-4 source that an interlock has switched off comes back by a
         person's decision (IEC 60825-1, manual reset); ``self`` is for laboratories that have decided otherwise.
+    close_limit_wall
+        How long the end of the program waits for an orderly end of the scan, then for a halt, before it goes anyway.
     disk_reserve
         MB that have to be free on the disk of the run folder, or the scan rests.
     recovery
@@ -84,6 +86,7 @@ class ScanSettings(Form):
     suspend_limit_wall: Seconds = 3600.0
     look_wall: Annotated[float, Field(gt=0)] = 1.0
     relight: Literal["person", "self"] = "person"
+    close_limit_wall: Annotated[float, Field(gt=0)] = 120.0
     disk_reserve: Annotated[float, Field(ge=0)] = 200.0
     recovery: Seconds = 60.0
     reference_age: Annotated[float, Field(gt=0)] = 12.0

@@ -7,7 +7,7 @@ import time
 from datetime import UTC, datetime
 
 from instrument.bus import EventBus
-from instrument.events import Event, Message, PointAnnotated, StateChanged
+from instrument.events import Event, Message, PointAnnotated, ScanStarted, StateChanged
 
 
 def message(text: str) -> Message:
@@ -123,3 +123,21 @@ def test_closing_names_who_does_not_return() -> None:
     bus.publish(message("x"))
     assert bus.close(timeout=0.05) == ("stuck",)
     gate.set()
+
+
+def test_a_long_scan_is_replayed_in_part_and_says_so() -> None:
+    bus = EventBus(kept=10)
+    started = ScanStarted(time=datetime.now(UTC), run_dir="run", title="long", points=(), duration_s=0.0)
+    bus.publish(started)
+    for index in range(50):
+        bus.publish(annotation(index))
+    late: list[Event] = []
+    bus.subscribe(late.append)
+    assert bus.drain(10.0)
+    assert late[0] == started
+    assert isinstance(late[1], Message)
+    assert "41 earlier events are left out" in late[1].text
+    assert [event.index for event in late[2:]] == list(range(40, 50))  # type: ignore[union-attr]
+    assert bus.latest(ScanStarted) == started
+    assert len(bus.history) == 10
+    bus.close()
