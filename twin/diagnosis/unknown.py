@@ -14,7 +14,7 @@ from twin.diagnosis.fit import Fit
 from twin.diagnosis.likelihood import Normal, marginal
 
 #: Standard deviation of an unknown gap over the relative uncertainty of the run.
-UNKNOWN_SIZES = (1.0, 2.0, 4.0)
+UNKNOWN_SIZES = (1.5, 3.0)
 #: The twin's gap of an effect is as good as this, relative: other rims, other lobes, other time constants.
 RESPONSE_ERROR = 0.12
 #: Structures of the largest prior weight under which an unknown gap is weighed.
