@@ -1,8 +1,10 @@
 # make demo   the main job on the simulated laboratory
 # make test   the whole test suite
 # make bench  the twin's speed, beside the program the paper tested; writes docs/performance.md
+# make judges  programs of others on our simulators, our drivers on theirs; writes docs/judges.md
+# make reliability   scans that are killed, cut, starved and disturbed; writes docs/reliability.md
 # All make the environment first, from requirements.lock.
-.PHONY: setup demo test test-fast check bench lock clean
+.PHONY: setup demo test test-fast check bench judges lock clean
 BIN := .venv/bin
 WORKERS ?= 2
 
@@ -26,6 +28,12 @@ check: setup
 
 bench: setup
 	$(BIN)/python benchmarks/bench_tracer.py
+
+judges: setup
+	$(BIN)/python benchmarks/judges/run.py
+
+reliability: setup
+	$(BIN)/python benchmarks/reliability.py
 
 lock:
 	python3 -m venv build/lock && build/lock/bin/pip install --quiet uv

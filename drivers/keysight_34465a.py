@@ -7,6 +7,7 @@ abandoned together with its connection, so that it cannot be taken for the next 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Annotated
 
@@ -28,8 +29,9 @@ NPLCS = (0.02, 0.06, 0.2, 1.0, 10.0, 100.0)
 #: Magnitude from which on a reading is the sign of an overload.
 OVERLOAD = 9.0e37
 
-#: Depth of the error queue.
+#: Depth of the error queue, and the form of its entries.
 ERROR_QUEUE = 20
+_QUEUE_ENTRY = re.compile(r"\s*([+-]?\d+)\s*,")
 
 #: A burst that was lost is taken again.
 ATTEMPTS = 2
@@ -174,7 +176,10 @@ class Keysight34465A:
         errors: list[str] = []
         for _ in range(ERROR_QUEUE + 1):
             reply = self._line.query(self.name, "SYST:ERR?")
-            if reply.startswith(("+0", "0")):
+            number = _QUEUE_ENTRY.match(reply)
+            if number is None:
+                raise CommunicationError(self.name, f"SYST:ERR? gave {reply[:60]!r}, expected a number and a text")
+            if int(number[1]) == 0:
                 return errors
             errors.append(reply)
         raise NoReply(self.name, f"the error queue does not end: {errors[-1]}")

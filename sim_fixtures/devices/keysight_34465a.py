@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from sim_fixtures.bench import Bench
+from sim_fixtures.devices.keysight_settings import KeptSettings
 
 IDENTITY = "Keysight Technologies,34465A,MY00000000,A.03.00-03.15-03.00-00.52-02-01"
 OVERLOAD = 9.9e37
@@ -75,6 +76,7 @@ def headers(line: str) -> Iterator[tuple[str, str]]:
 def _abbreviations() -> dict[str, str]:
     long = (
         "SENSe VOLTage RANGe AUTO NPLCycles ZERO TRIGger SOURce COUNt DELay SAMPle CONFigure INITiate FETCh READ "
+        "DISPlay STATe TEXT CLEar PRETrigger TIMer LEVel SLOPe RESolution ENABled LFRequency LICense CATalog "
         "ABORt SYSTem ERRor NEXT IMMediate MEASure IMPedance APERture STATus QUEStionable EVENt CONDition FUNCtion"
     )
     table = {}
@@ -139,6 +141,7 @@ class Multimeter:
         self._errors: deque[int] = deque()
         self._burst: Burst | None = None
         self._questionable = 0
+        self._kept = KeptSettings(ScpiError)
         self._reset()
         self._commands: dict[str, Callable[[str], str | None]] = {
             "*IDN?": lambda _: IDENTITY,
@@ -170,7 +173,6 @@ class Multimeter:
             "TRIG:COUN?": lambda _: f"{1:+.8E}",
             "TRIG:DEL": self._do_trigger_delay,
             "TRIG:DEL?": lambda _: f"{self._delay:+.8E}",
-            "TRIG:DEL:AUTO": lambda _: None,
             "SAMP:COUN": self._do_samples,
             "SAMP:COUN?": lambda _: f"{self._samples:+d}",
             "INIT": self._do_initiate,
@@ -180,12 +182,14 @@ class Multimeter:
             "SYST:ERR?": self._do_next_error,
             "SYST:ERR:COUN?": lambda _: f"{len(self._errors):+d}",
             "SYST:VERS?": lambda _: "1994.0",
+            "SYST:LFR?": lambda _: f"{self._line_frequency:+.0f}",
             "STAT:QUES?": self._do_questionable,
             "STAT:QUES:EVEN?": self._do_questionable,
             "STAT:QUES:COND?": lambda _: str(self._questionable),
-        }
+        } | self._kept.commands()
 
     def _reset(self) -> None:
+        self._kept.reset()
         self._range, self._autorange = 10.0, True
         self._nplc, self._autozero, self._high_impedance = 10.0, True, False
         self._source, self._samples, self._delay = "IMM", 1, 0.0
@@ -274,6 +278,7 @@ class Multimeter:
         if not 0 <= value <= 3600:
             raise ScpiError(-222)
         self._delay = value
+        self._kept.set("TRIG:DEL:AUTO", "0")
 
     def _do_samples(self, parameter: str) -> None:
         value = _number(parameter, {"MIN": 1, "MAX": 1_000_000, "DEF": 1})

@@ -159,6 +159,8 @@ class Controller:
         return letter
 
     def _do_tb(self, command: Command) -> str:
+        if command.letter:
+            return f"{command.letter} {_ERROR_TEXT.get(command.letter, 'Unknown')}"
         letter, self._letter = self._letter, "@"
         return f"{letter} {_ERROR_TEXT.get(letter, 'Unknown')}"
 

@@ -5,17 +5,21 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-_COMMAND = re.compile(r"(?P<address>\d*)(?P<name>[A-Z]{2})(?P<value>\?|[+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)?", re.I)
+_COMMAND = re.compile(
+    r"(?P<address>\d*)(?P<name>[A-Z]{2})(?P<value>\?|[+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)?(?P<letter>[@A-Z](?![A-Z]))?",
+    re.I,
+)
 
 
 @dataclass(frozen=True)
 class Command:
-    """A parsed line; ``address`` None where it names no controller."""
+    """A parsed line; ``address`` None where it names no controller, ``letter`` an error that ``TB`` puts into words."""
 
     address: int | None
     name: str
     query: bool
     value: float | None
+    letter: str = ""
 
 
 def parse(line: str) -> Command | None:
@@ -29,4 +33,6 @@ def parse(line: str) -> Command | None:
         return None
     address, value = match["address"], match["value"]
     number = float(value) if value not in (None, "?") else None
-    return Command(int(address) if address else None, match["name"].upper(), value == "?", number)
+    return Command(
+        int(address) if address else None, match["name"].upper(), value == "?", number, (match["letter"] or "").upper()
+    )

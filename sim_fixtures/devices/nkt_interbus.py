@@ -19,6 +19,9 @@ START, END, ESCAPE = 0x0D, 0x0A, 0x5E
 NACK, CRC_ERROR, BUSY, ACK, READ, WRITE, WRITE_SET, WRITE_CLEAR, WRITE_TOGGLE, DATAGRAM = 0, 1, 2, 3, 4, 5, 6, 7, 9, 8
 _WRITES = (WRITE, WRITE_SET, WRITE_CLEAR, WRITE_TOGGLE)
 
+#: Of the crystal, pm.
+SHORTEST, LONGEST = 400_000, 2_000_000
+
 MODULE_TYPE, FIRMWARE, SERIAL_NUMBER, STATUS, ERROR_CODE = 0x61, 0x64, 0x65, 0x66, 0x67
 
 
@@ -205,22 +208,29 @@ def superk(bench: Bench) -> Module:
 
 def select_filter(bench: Bench) -> Module:
     """The SELECT, type 67h: crystal, shutters and monitors."""
-    plain = {"switch": 0}
+    plain = {"switch": 0, "monitor": 0, "gain1": 0, "gain2": 0}
 
-    def switch(value: int) -> bool:
-        return _limited(value, 1, lambda v: plain.__setitem__("switch", v))
+    def keep(name: str, largest: int) -> Callable[[int], bool]:
+        return lambda value: _limited(value, largest, lambda v: plain.__setitem__(name, v))
 
     registers = {
         0x10: Register(2, lambda: round(1000 * bench.selector.transmission() * bench.source.emitting())),
         0x11: Register(2, lambda: 0),
-        0x34: Register(1, lambda: plain["switch"], switch),
+        0x32: Register(1, lambda: plain["gain1"], keep("gain1", 7)),
+        0x33: Register(1, lambda: plain["gain2"], keep("gain2", 7)),
+        0x34: Register(1, lambda: plain["switch"], keep("switch", 1)),
+        0x35: Register(1, lambda: plain["monitor"], keep("monitor", 1)),
+        0x90: Register(4, lambda: SHORTEST),
+        0x91: Register(4, lambda: LONGEST),
+        0xA0: Register(4, lambda: SHORTEST),
+        0xA1: Register(4, lambda: LONGEST),
         STATUS: Register(2, lambda: 0),
         ERROR_CODE: Register(1, lambda: 0),
     }
     return Module(0x67, registers, _texts("SIM67001"))
 
 
-def rf_driver(bench: Bench, shortest: int = 400_000, longest: int = 2_000_000) -> Module:
+def rf_driver(bench: Bench, shortest: int = SHORTEST, longest: int = LONGEST) -> Module:
     """The RF driver of the SELECT, type 66h: eight channels of wavelength (pm) and amplitude (0.1 %)."""
     selector = bench.selector
 
@@ -244,12 +254,18 @@ def rf_driver(bench: Bench, shortest: int = 400_000, longest: int = 2_000_000) -
 
     registers = {
         0x30: Register(1, lambda: int(selector.rf_on), set_rf),
+        0x31: Register(2, lambda: 0),
         0x34: Register(4, lambda: shortest),
         0x35: Register(4, lambda: longest),
+        0x38: Register(2, lambda: 261),
+        0x3B: Register(1, lambda: 0),
+        0x3C: Register(1, lambda: 0),
+        0x75: Register(1, lambda: 1),
         STATUS: Register(2, lambda: int(selector.rf_on)),
         ERROR_CODE: Register(1, lambda: 0),
     }
     for channel in range(8):
         registers[0x90 + channel] = Register(4, partial(wavelength, channel), partial(set_wavelength, channel))
+        registers[0xC0 + channel] = Register(2, lambda: 1000)
         registers[0xB0 + channel] = Register(2, partial(amplitude, channel), partial(set_amplitude, channel))
     return Module(0x66, registers, _texts("SIM66001"))
