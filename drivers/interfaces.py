@@ -132,6 +132,15 @@ class WavelengthSelector(Device, Protocol):
         ...
 
 
+@runtime_checkable
+class BoundedSelector(WavelengthSelector, Protocol):
+    """A filter that knows what it can select; a plan that asks for more is then refused before anything moves."""
+
+    def wavelength_range(self) -> tuple[float, float]:
+        """Shortest and longest centre wavelength, nm."""
+        ...
+
+
 @dataclass(frozen=True)
 class Reading:
     """A burst of detector voltages.

@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import socket
 import tempfile
 from collections.abc import Iterable
@@ -143,5 +144,16 @@ def _holder(handle: IO[str]) -> str:
         return "another process"
 
 
+#: Names of this machine on its own network; one port must have one name.
+_LOOPBACK = re.compile(r"(?<![\w.:-])(localhost(\.localdomain)?|127(\.\d{1,3}){3}|\[?::1\]?)(?![\w.])", re.IGNORECASE)
+_VISA = re.compile(r"[A-Za-z]+\d*::")
+
+
 def _canonical(endpoint: str) -> str:
-    return os.path.realpath(endpoint) if endpoint.startswith("/") else endpoint
+    """One name for what several names stand for: links, this machine, a host's and a resource's capitals."""
+    if endpoint.startswith("/"):
+        return os.path.realpath(endpoint)
+    if _VISA.match(endpoint):
+        parts = [_LOOPBACK.sub("127.0.0.1", part) for part in endpoint.upper().split("::")]
+        return "::".join([re.sub(r"^(TCPIP|GPIB|USB|ASRL)$", r"\g<1>0", parts[0]), *parts[1:]])
+    return _LOOPBACK.sub("127.0.0.1", endpoint.lower())

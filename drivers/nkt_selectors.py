@@ -47,7 +47,7 @@ class SelectForm(Form):
 
 
 class NktSelect:
-    """SuperK SELECT. Satisfies :class:`drivers.interfaces.WavelengthSelector`."""
+    """SuperK SELECT. Satisfies :class:`drivers.interfaces.BoundedSelector`."""
 
     options = SelectForm
     line_kinds = ("serial", "tcp")
@@ -65,7 +65,7 @@ class NktSelect:
         if self._options.select_address is not None:
             select = NktModule(self.name, self._line, self._options.select_address)
             identity += "; " + select.identify((SELECT,))
-        lower, upper = self._travel()
+        lower, upper = self.wavelength_range()
         return f"{identity}, {lower:g} to {upper:g} nm"
 
     def wavelength(self) -> float:
@@ -82,7 +82,7 @@ class NktSelect:
         DeviceFault
             If another wavelength is read back.
         """
-        lower, upper = self._travel()
+        lower, upper = self.wavelength_range()
         if not lower <= wavelength <= upper:
             raise CommandRefused(self.name, f"{wavelength:g} nm is outside {lower:g} to {upper:g} nm")
         channel, picometres = self._options.channel, round(wavelength * PM_PER_NM)
@@ -101,7 +101,8 @@ class NktSelect:
         """Release the wire."""
         self._line.release(self.name)
 
-    def _travel(self) -> tuple[float, float]:
+    def wavelength_range(self) -> tuple[float, float]:
+        """What the crystal can select, nm; asked for once."""
         if self._range is None:
             lower, upper = (self._driver.read_unsigned(register) / PM_PER_NM for register in (MINIMUM, MAXIMUM))
             self._range = lower, upper
@@ -130,7 +131,7 @@ class VariaForm(Form):
 
 
 class NktVaria:
-    """SuperK VARIA. Satisfies :class:`drivers.interfaces.WavelengthSelector`."""
+    """SuperK VARIA. Satisfies :class:`drivers.interfaces.BoundedSelector`."""
 
     options = VariaForm
     line_kinds = ("serial", "tcp")
@@ -149,6 +150,11 @@ class NktVaria:
         """Middle between the two edges read back, nm."""
         edges = self._module.read_unsigned(UPPER_EDGE) + self._module.read_unsigned(LOWER_EDGE)
         return edges / 20.0
+
+    def wavelength_range(self) -> tuple[float, float]:
+        """Centres with both edges inside 400 to 840 nm."""
+        half = self._options.bandwidth / 2
+        return VARIA_RANGE[0] + half, VARIA_RANGE[1] - half
 
     def set_wavelength(self, wavelength: float) -> None:
         """Move both edges and wait until the filters stand still (``move_timeout`` at most).

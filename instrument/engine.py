@@ -182,6 +182,7 @@ class ScanEngine:
         stops = [(f"reference {i + 1}", geometry) for i, geometry in self._job.missing_references()]
         stops += [(f"point {i + 1} of {total}", self._job.plan.points[i]) for i in self._progress.missing()]
         checked = check_plan(stops, start, station.envelope)
+        station.light.check_range(stop.wavelength for _, stop in stops)
         self._announce_start(self._estimate(checked))
         if checked.detours:
             self._report.note(f"{checked.detours} moves lead around the shadow cone")

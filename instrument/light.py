@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 
 from drivers.errors import DeviceError
-from drivers.interfaces import LightSource, WavelengthSelector
+from drivers.interfaces import BoundedSelector, LightSource, WavelengthSelector
 from instrument.control import Controls, ask, ensure
+from instrument.errors import InputError
 from instrument.hindrances import LightLost
 from instrument.settings import ScanSettings
 
@@ -79,6 +81,21 @@ class Light:
         self.require_no_fault()
         if not ask(self._source.emission):
             raise LightLost("source", "emission is off though it was switched on", "look at interlock and key switch")
+
+    def check_range(self, wavelengths: Iterable[float]) -> None:
+        """Refuse wavelengths (nm) that the filter cannot select, where it says what it can.
+
+        Raises
+        ------
+        InputError
+        """
+        if not isinstance(self._selector, BoundedSelector):
+            return
+        lower, upper = ask(self._selector.wavelength_range)
+        outside = sorted({value for value in wavelengths if not lower <= value <= upper})
+        if outside:
+            found = ", ".join(f"{value:g}" for value in outside)
+            raise InputError(f"plan: wavelength: found {found} nm; the filter reaches {lower:g} to {upper:g} nm")
 
     def select(self, wavelength: float) -> None:
         """Select a wavelength, nm."""

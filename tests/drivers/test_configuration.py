@@ -20,8 +20,8 @@ from drivers.lines import OpenLine
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "devices.example.toml"
 DRIVERS = {
-    "newport-esp301", "newport-smc100", "oriental-az", "nkt-superk", "nkt-select", "nkt-varia", "keysight-34465a", "femto",
-    "modbus-shutter",
+    "newport-esp301", "newport-smc100", "oriental-az", "nkt-superk", "nkt-select", "nkt-varia", "keysight-34465a",
+    "femto", "modbus-shutter",
 }  # fmt: skip
 
 

@@ -96,3 +96,36 @@ host = "192.168.0.4"
 """
     form = parse_devices(tomllib.loads(text))
     assert sorted(endpoints(form)) == ["/dev/ttyUSB0", "192.168.0.4:502", "TCPIP::192.168.0.3::5025::SOCKET"]
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("localhost:5025", "127.0.0.1:5025"),
+        ("LocalHost:5025", "127.0.0.1:5025"),
+        ("127.0.1.1:502", "localhost:502"),
+        ("::1:502", "localhost:502"),
+        ("Meter.lab.fi:5025", "meter.lab.fi:5025"),
+        ("TCPIP0::localhost::5025::SOCKET", "TCPIP::127.0.0.1::5025::socket"),
+        ("gpib::3::INSTR", "GPIB0::3::INSTR"),
+    ],
+)
+def test_one_wire_under_two_names_is_locked_once(tmp_path: Path, one: str, other: str) -> None:
+    with InstrumentLock([one], tmp_path), pytest.raises(InstrumentBusy):
+        InstrumentLock([other], tmp_path).acquire()
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("localhost:5025", "localhost:5026"),
+        ("localhost.lab.fi:502", "localhost:502"),
+        ("1127.0.0.1:502", "127.0.0.1:502"),
+        ("10.127.0.0.1:502", "127.0.0.1:502"),
+        ("my-localhost:502", "localhost:502"),
+        ("GPIB0::3::INSTR", "GPIB1::3::INSTR"),
+    ],
+)
+def test_two_wires_are_not_taken_for_one(tmp_path: Path, one: str, other: str) -> None:
+    with InstrumentLock([one], tmp_path), InstrumentLock([other], tmp_path):
+        pass
