@@ -109,8 +109,9 @@ def _resolve(
 
 def kept_input(folder: Path, name: str) -> Path | None:
     """The copy of an input that a scan left in its run folder."""
-    found = sorted(path for path in folder.glob(f"{name}.*") if path.suffix in (".toml", ".nc"))
-    return found[0] if found else None
+    from instrument.request import existing, material_of
+
+    return material_of(folder) if name == "material" else existing(folder / f"{name}.toml")
 
 
 def _compare(

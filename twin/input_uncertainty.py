@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 import logging
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,13 +25,13 @@ from instrument.files import replacing
 from twin.content import cache_folder, content_digest
 from twin.matching import GEOMETRY
 from twin.optics import geometry_columns
-from twin.propagation import by_sensitivities
+from twin.propagation import Propagation, by_sensitivities
 from twin.propagation_render import PlanRenderer
 from twin.state_vector import StateVector, state_vector_from_files
 
 _LOG = logging.getLogger(__name__)
 #: Counts up when the computation changes: what older programs kept is not used then.
-_VERSION = 1
+_VERSION = 2
 #: Relative standard error of the uncertainty to reach at the median point.
 TOLERANCE = 0.1
 _SEED = 1
@@ -46,12 +47,8 @@ class InputUncertainty:
     ----------
     geometry, shape (point, 5)
         In the order of :data:`~twin.matching.GEOMETRY`.
-    variance, shape (source, point)
-        Squared standard uncertainties (k = 1); an estimate near 0 can be negative.
-    u_error, shape (point,)
-        Relative standard error of ``u``.
-    sources
-        Rows of the budget.
+    result
+        By source, with correlations and sensitivities.
     inputs
         Number of uncertain inputs.
     notes
@@ -59,16 +56,29 @@ class InputUncertainty:
     """
 
     geometry: FloatArray
-    variance: FloatArray
-    u_error: FloatArray
-    sources: tuple[str, ...]
+    result: Propagation
     inputs: int
     notes: tuple[str, ...] = ()
 
     @property
+    def variance(self) -> FloatArray:
+        """Squared standard uncertainties (k = 1), shape (source, point); an estimate near 0 can be negative."""
+        return np.array(list(self.result.variance.values())).reshape(-1, len(self.geometry))
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Rows of the budget."""
+        return tuple(self.result.variance)
+
+    @property
+    def u_error(self) -> FloatArray:
+        """Relative standard error of ``u``, shape (point,)."""
+        return np.where(np.isfinite(self.result.u_error), self.result.u_error, 1.0)
+
+    @property
     def u(self) -> FloatArray:
         """Standard uncertainty (k = 1) of brf from all inputs, shape (point,)."""
-        return np.sqrt(np.maximum(self.variance.sum(axis=0), 0.0))
+        return self.result.u
 
     @property
     def contains(self) -> str:
@@ -81,10 +91,7 @@ class InputUncertainty:
         wanted = [place.get(row.tobytes(), -1) for row in _rounded(rows)]
         if min(wanted, default=0) < 0:
             return None
-        chosen = np.array(wanted, dtype=np.int64)
-        return InputUncertainty(
-            rows, self.variance[:, chosen], self.u_error[chosen], self.sources, self.inputs, self.notes
-        )
+        return InputUncertainty(rows, self.result.take(np.array(wanted, dtype=np.int64)), self.inputs, self.notes)
 
 
 def find_input_uncertainty(
@@ -94,6 +101,7 @@ def find_input_uncertainty(
     folder: Path | None = None,
     tolerance: float = TOLERANCE,
     begin: Callable[[], None] | None = None,
+    **where: Any,
 ) -> InputUncertainty:
     """What the inputs add to the uncertainty of predictions, from the cache or by sensitivities.
 
@@ -109,6 +117,8 @@ def find_input_uncertainty(
         Relative standard error of the uncertainty to reach at the median point.
     begin
         Called before a computation, which takes its time.
+    where
+        ``address``, ``workers``, ``progress`` as of :func:`~twin.propagation.by_sensitivities`.
     """
     store = UncertaintyStore(state, cache_folder() if folder is None else folder, tolerance)
     columns = geometry_columns(geometries)
@@ -119,12 +129,9 @@ def find_input_uncertainty(
     if begin is not None:
         begin()
     distinct, place = np.unique(_rounded(rows), axis=0, return_inverse=True)
-    found = _compute(state, distinct, tolerance)
+    found = _compute(state, distinct, tolerance, where)
     store.keep(found)
-    chosen = place.reshape(-1)
-    return InputUncertainty(
-        rows, found.variance[:, chosen], found.u_error[chosen], found.sources, found.inputs, found.notes
-    )
+    return InputUncertainty(rows, found.result.take(place.reshape(-1)), found.inputs, found.notes)
 
 
 def with_inputs(prediction: xr.Dataset, known: InputUncertainty) -> xr.Dataset:
@@ -170,17 +177,10 @@ class UncertaintyStore:
     def keep(self, result: InputUncertainty) -> None:
         """Write a result for later; a cache that cannot be written costs the next computation, not this one."""
         path = self._path(result.geometry)
-        named = {"sources": list(result.sources), "inputs": result.inputs, "notes": list(result.notes)}
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with replacing(path) as part, part.open("wb") as handle:
-                np.savez_compressed(
-                    handle,
-                    geometry=result.geometry,
-                    variance=result.variance,
-                    u_error=result.u_error,
-                    named=np.array(json.dumps(named)),
-                )
+                np.savez_compressed(handle, **_packed(result))
         except OSError as error:
             _LOG.warning("%s: cannot be kept: %s", path, error.strerror)
 
@@ -214,37 +214,58 @@ def inputs_digest(state: StateVector, tolerance: float) -> str:
     return content_digest(*parts, state.coupon, blocks, state.notes)
 
 
-def _compute(state: StateVector, rows: FloatArray, tolerance: float) -> InputUncertainty:
+def _compute(state: StateVector, rows: FloatArray, tolerance: float, where: dict[str, Any]) -> InputUncertainty:
     columns = {name: rows[:, k].copy() for k, name in enumerate(GEOMETRY)}
-    result = by_sensitivities(PlanRenderer(state, columns, seed=_SEED), tolerance=tolerance, seed=_SEED)
-    variance = np.array([result.variance[source] for source in state.sources]).reshape(-1, len(rows))
-    error = np.where(np.isfinite(result.u_error), result.u_error, 1.0)
-    return InputUncertainty(rows, variance, error, state.sources, len(state), state.notes)
+    renderer = PlanRenderer(state, columns, seed=_SEED)
+    result = by_sensitivities(renderer, tolerance=tolerance, seed=_SEED, **where)
+    return InputUncertainty(rows, result, len(state), state.notes)
+
+
+#: Arrays of a result that are kept as they are; those by name are kept side by side, (name, point).
+_ARRAYS = ("factor", "noise", "u_error", "mean_shift", "brf", "factor_error")
+_BY_NAME = ("variance", "sensitivity", "sensitivity_error")
+
+
+def _packed(known: InputUncertainty) -> dict[str, Any]:
+    result, points = known.result, len(known.geometry)
+    named: dict[str, Any] = {name: list(getattr(result, name)) for name in _BY_NAME}
+    named |= {"units": result.units, "curvature": result.curvature, "components": list(result.component_sources)}
+    named |= {"evaluations": result.evaluations, "inputs": known.inputs, "notes": list(known.notes)}
+    arrays = {name: getattr(result, name) for name in _ARRAYS}
+    arrays |= {name: np.array(list(getattr(result, name).values())).reshape(-1, points) for name in _BY_NAME}
+    return {"geometry": known.geometry, **arrays, "named": np.array(json.dumps(named))}
+
+
+def _unpacked(data: Mapping[str, Any]) -> InputUncertainty:
+    """Raises a ValueError where the parts do not belong together."""
+    named, geometry = json.loads(str(data["named"])), data["geometry"]
+    arrays = {name: data[name] for name in _ARRAYS}
+    if any(len(array) != len(geometry) for name, array in arrays.items() if name != "factor_error"):
+        raise ValueError("arrays of other lengths than the geometries")
+    by_name: dict[str, Any] = {name: dict(zip(named[name], data[name], strict=True)) for name in _BY_NAME}
+    if any(value.shape != (len(geometry),) for values in by_name.values() for value in values.values()):
+        raise ValueError("values by name of other lengths than the geometries")
+    result = Propagation(
+        **arrays,
+        **by_name,
+        units=named["units"],
+        curvature=named["curvature"],
+        component_sources=tuple(named["components"]),
+        evaluations=int(named["evaluations"]),
+    )
+    return InputUncertainty(geometry, result, int(named["inputs"]), tuple(named["notes"]))
 
 
 def _load(path: Path) -> InputUncertainty | None:
     """A kept result; None, and a word in the log, where the file is damaged."""
     try:
         with np.load(path, allow_pickle=False) as data:
-            named = json.loads(str(data["named"]))
-            result = InputUncertainty(
-                data["geometry"],
-                data["variance"],
-                data["u_error"],
-                tuple(named["sources"]),
-                int(named["inputs"]),
-                tuple(named["notes"]),
-            )
+            return _unpacked(data)
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as problem:
         _LOG.warning("%s: cannot be read (%s); it is computed again", path, problem)
         return None
-    points = len(result.geometry)
-    if result.variance.shape != (len(result.sources), points) or result.u_error.shape != (points,):
-        _LOG.warning("%s: does not hold what it should; it is computed again", path)
-        return None
-    return result
 
 
 def _rounded(rows: FloatArray) -> NDArray[np.float64]:

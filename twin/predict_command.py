@@ -141,7 +141,14 @@ def _propagate(
         pass
     with _bar() as progress:
         prediction = propagate(
-            state, geometries, standard_error=standard_error, draws=draws, seed=seed, progress=progress, **where
+            state,
+            geometries,
+            standard_error=standard_error,
+            draws=draws,
+            seed=seed,
+            keep=True,
+            progress=progress,
+            **where,
         )
     prediction.attrs["inputs"] = _inputs(facility, artifact, material)
     write_prediction(prediction, out)

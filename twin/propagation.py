@@ -9,9 +9,10 @@ holds no Monte Carlo error, however few sight lines were traced.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.cluster import spread
@@ -80,6 +81,25 @@ class Propagation:
     def u(self) -> FloatArray:
         """Standard uncertainty (k = 1) from all inputs, shape (point,)."""
         return np.sqrt(np.maximum(sum(self.variance.values(), np.zeros(len(self.noise))), 0.0))
+
+    def take(self, chosen: NDArray[np.int64]) -> Propagation:
+        """That of some points, by their numbers; a number may come again."""
+
+        def some(values: dict[str, FloatArray]) -> dict[str, FloatArray]:
+            return {name: value[chosen] for name, value in values.items()}
+
+        return replace(
+            self,
+            variance=some(self.variance),
+            factor=self.factor[chosen],
+            noise=self.noise[chosen],
+            u_error=self.u_error[chosen],
+            mean_shift=self.mean_shift[chosen],
+            brf=self.brf[chosen],
+            sensitivity=some(self.sensitivity),
+            sensitivity_error=some(self.sensitivity_error),
+            factor_error=self.factor_error[chosen] if self.factor_error.size else self.factor_error,
+        )
 
     def covariance(self) -> FloatArray:
         """Covariance of the errors between points, shape (point, point): symmetric, without negative eigenvalues."""

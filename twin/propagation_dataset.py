@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from instrument.events import Geometry
+from twin.input_uncertainty import find_input_uncertainty
 from twin.optics import geometry_columns
 from twin.prediction import Twin
 from twin.propagation import Progress, Propagation, by_draws, by_sensitivities
@@ -30,6 +31,7 @@ def propagate(
     draws: int = 0,
     samples: int = 1024,
     seed: int = 1,
+    keep: bool = False,
     address: str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
@@ -51,6 +53,9 @@ def propagate(
         apart.
     seed
         Of all random numbers.
+    keep
+        Use what is known of the sensitivities of these geometries, or keep what is found
+        (:mod:`twin.input_uncertainty`); these have random numbers of their own, whatever the seed.
     address, workers
         Where the plan is evaluated: as of :func:`twin.cluster.spread`.
     progress
@@ -64,8 +69,11 @@ def propagate(
     nominal = state.nominal_inputs
     twin = Twin(state.facility, nominal.artifact, state.nominal_material, seed=seed)
     prediction = twin.predict(geometries, standard_error=standard_error, setup=nominal.setup)
-    renderer = PlanRenderer(state, geometry_columns(geometries), seed=seed)
     where: dict[str, Any] = {"address": address, "workers": workers, "progress": progress}
+    if keep and not draws:
+        result = find_input_uncertainty(state, geometries, tolerance=tolerance, **where).result
+        return with_input_uncertainty(prediction, result, state)
+    renderer = PlanRenderer(state, geometry_columns(geometries), seed=seed)
     if draws:
         result = by_draws(renderer, draws=draws, samples=samples, seed=seed, **where)
     else:

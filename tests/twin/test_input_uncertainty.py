@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +21,8 @@ from twin.content import cache_folder, content_digest
 from twin.input_uncertainty import find_input_uncertainty, inputs_digest, with_inputs
 from twin.material import lambertian
 from twin.optics import Setup, geometry_columns, lay_out
+from twin.propagation import Propagation
+from twin.propagation_dataset import propagate
 from twin.state_vector import StateVector, state_vector
 
 
@@ -71,12 +72,23 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Takes the place of ray tracing; holds the number of points of every computation."""
     computed: list[int] = []
 
-    def by_sensitivities(renderer: np.ndarray, **_: object) -> SimpleNamespace:
+    def by_sensitivities(renderer: np.ndarray, **_: object) -> Propagation:
         zenith = renderer
         computed.append(len(zenith))
-        return SimpleNamespace(
-            variance={name: (1 + k) * 1e-6 * zenith**2 for k, name in enumerate(nominal_state().sources)},
-            u_error=np.full(len(zenith), 0.1),
+        zero = np.zeros(len(zenith))
+        return Propagation(
+            {name: (1 + k) * 1e-6 * zenith**2 for k, name in enumerate(nominal_state().sources)},
+            np.outer(zenith, [1.0, 2.0]),
+            zero,
+            np.full(len(zenith), 0.1),
+            zero,
+            brf=zenith / 100,
+            sensitivity={"sensor zenith": zenith},
+            sensitivity_error={"sensor zenith": zero},
+            units={"sensor zenith": "degree"},
+            component_sources=("sensor zenith", "sample height"),
+            factor_error=np.zeros((len(zenith), 2)),
+            evaluations=9,
         )
 
     monkeypatch.setattr(module, "PlanRenderer", lambda state, columns, seed: columns["sensor_zenith"])
@@ -106,6 +118,29 @@ def test_a_part_of_a_known_plan_is_known(counted: list[int], tmp_path: Path) -> 
     assert counted == [3]
     find_input_uncertainty(nominal_state(), points(10.0, 40.0), folder=tmp_path)
     assert counted == [3, 2]
+
+
+def test_what_a_budget_needs_is_kept_too(counted: list[int], tmp_path: Path) -> None:
+    first = find_input_uncertainty(nominal_state(), points(10.0, 20.0, 30.0), folder=tmp_path).result
+    kept = find_input_uncertainty(nominal_state(), points(30.0, 10.0), folder=tmp_path).result
+    assert counted == [3]
+    expected = first.take(np.array([2, 0]))
+    np.testing.assert_array_equal(kept.factor, expected.factor)
+    np.testing.assert_array_equal(kept.factor_error, expected.factor_error)
+    np.testing.assert_array_equal(kept.sensitivity["sensor zenith"], [30.0, 10.0])
+    assert (kept.units, kept.component_sources) == (first.units, first.component_sources)
+    assert kept.evaluations == 9
+
+
+def test_a_budget_uses_what_a_scan_has_worked_out(
+    counted: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "cache_folder", lambda: tmp_path)
+    find_input_uncertainty(nominal_state(), points(10.0, 20.0))
+    prediction = propagate(nominal_state(), points(20.0), standard_error=0.01, keep=True)
+    assert counted == [2]
+    assert prediction["u_brf_inputs"].values == pytest.approx([u_of(20.0)])
+    assert prediction["sensitivity"].values.tolist() == [[20.0]]
 
 
 def test_another_twin_is_computed_again(counted: list[int], tmp_path: Path) -> None:
