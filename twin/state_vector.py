@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 
 from instrument.angles import FloatArray
-from instrument.artifact import ArtifactDimensions, read_artifact
+from instrument.artifact import ArtifactDimensions, check_dimensions, read_artifact
 from instrument.errors import InputError
 from instrument.facility import Facility, read_facility
 from twin.coupon import from_coupon
@@ -78,7 +78,7 @@ class Block:
     @property
     def changes_shape(self) -> bool:
         """Whether the parameters belong to the sample's dimensions, so that each value needs its own mesh."""
-        return isinstance(self.apply, (_SetDimension, _SetHoles))
+        return isinstance(self.apply, (_SetDimension, _SetHoles, _SetChamfers))
 
 
 @dataclass(frozen=True)
@@ -289,6 +289,21 @@ class _SetHoles:
 
 
 @dataclass(frozen=True)
+class _SetChamfers:
+    """Chamfers of some holes, each its own or all the same; the others keep theirs."""
+
+    holes: tuple[int, ...]
+
+    def __call__(self, inputs: Inputs, values: FloatArray) -> Inputs:
+        chamfers = inputs.artifact.chamfers
+        # A width has no sign: values beyond zero fold back.
+        chamfers[list(self.holes)] = np.abs(values)
+        return replace(
+            inputs, artifact=replace(inputs.artifact, holes=replace(inputs.artifact.holes, chamfer=chamfers))
+        )
+
+
+@dataclass(frozen=True)
 class _AddErrors:
     """Errors of one component of the coupon run, in units of their standard uncertainty."""
 
@@ -300,20 +315,42 @@ class _AddErrors:
 
 
 def _single(name: str, unit: str, nominal: float, u: float, apply: Callable[[Inputs, FloatArray], Inputs]) -> Block:
-    source = {"sample tilt x": "sample tilt", "sample tilt y": "sample tilt"}.get(name, name)
-    source = {"sample offset x": "sample offset", "sample offset y": "sample offset"}.get(source, source)
+    both = ("sample tilt", "sample offset", "block tilt")
+    source = name[:-2] if name[:-2] in both else name
     return Block(name, (name,), source, unit, np.array([nominal]), np.array([u]), apply)
+
+
+#: Keys of the artifact's form that are parameters, and their units.
+_DIMENSIONS = {"plate_thickness": "mm", "cavity_depth": "mm", "block_tilt_x": "degree", "block_tilt_y": "degree"}
 
 
 def _artifact(artifact: ArtifactDimensions) -> list[Block]:
     form, holes = artifact.form, artifact.holes
     blocks = []
-    for key, u in (("plate_thickness", form.u_plate_thickness), ("cavity_depth", form.u_cavity_depth)):
-        blocks.append(_single(key.replace("_", " "), "mm", getattr(form, key), u, _SetDimension(key)))
+    for key, unit in _DIMENSIONS.items():
+        u = getattr(form, f"u_{key}")
+        blocks.append(_single(key.replace("_", " "), unit, getattr(form, key), u, _SetDimension(key)))
     for key in ("x", "y", "diameter"):
         labels = tuple(f"hole {number} {key}" for number in range(len(holes)))
         nominal, u_holes = getattr(holes, key), getattr(holes, f"u_{key}")
         blocks.append(Block(f"hole {key}", labels, "hole dimensions", "mm", nominal, u_holes, _SetHoles(key)))
+    return blocks + _chamfers(artifact)
+
+
+def _chamfers(artifact: ArtifactDimensions) -> list[Block]:
+    """The chamfer that holes have in common, and those of the holes whose own row says something of theirs."""
+    holes, none = artifact.holes, np.full(len(artifact.holes), np.nan)
+    said = [none if column is None else column for column in (holes.chamfer, holes.u_chamfer)]
+    alone = ~np.isnan(said[0]) | ~np.isnan(said[1])
+    own, common = (tuple(map(int, np.flatnonzero(mask))) for mask in (alone, ~alone))
+    blocks = []
+    if common:
+        nominal, u = artifact.form.edge_chamfer, artifact.form.u_edge_chamfer
+        blocks.append(_single("edge chamfer", "mm", nominal, u, _SetChamfers(common)))
+    if own:
+        labels = tuple(f"hole {number} chamfer" for number in own)
+        nominal_own, u_own = artifact.chamfers[alone], artifact.u_chamfers[alone]
+        blocks.append(Block("hole chamfer", labels, "hole dimensions", "mm", nominal_own, u_own, _SetChamfers(own)))
     return blocks
 
 
@@ -333,15 +370,10 @@ def _check_artifact(artifact: ArtifactDimensions) -> None:
         )
     if np.any(holes.diameter <= 0):
         raise InputError(f"{artifact.source}: within its uncertainty, a hole's diameter would not be positive")
-    gap = np.hypot(holes.x[:, None] - holes.x, holes.y[:, None] - holes.y)
-    gap -= (holes.diameter[:, None] + holes.diameter) / 2
-    np.fill_diagonal(gap, np.inf)
-    if np.any(gap <= 0):
-        first, second = np.unravel_index(int(np.argmin(gap)), gap.shape)
-        raise InputError(
-            f"{artifact.source}: within their uncertainty, holes {first} and {second} would overlap;"
-            " expected smaller uncertainties"
-        )
+    try:
+        check_dimensions(artifact)
+    except InputError as error:
+        raise InputError(f"{error} (within the stated uncertainties; expected smaller ones)") from None
 
 
 def _joined(arrays: list[FloatArray]) -> FloatArray:

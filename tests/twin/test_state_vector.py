@@ -116,6 +116,33 @@ def test_dimensions_of_the_artifact_move_alone() -> None:
     np.testing.assert_array_equal(moved.holes.x, holes.x)
 
 
+def test_chamfers_and_the_tilt_of_the_block_are_parameters() -> None:
+    """Holes without a chamfer of their own share one; a width that would be negative folds back."""
+    plate = artifact([(0.0, 0.0, 3.0), (5.0, 0.0, 3.0), (10.0, 0.0, 3.0), (15.0, 0.0, 3.0)])
+    own, u_own = np.array([np.nan, 0.2, np.nan, 0.3]), np.array([np.nan, 0.02, 0.03, np.nan])
+    form = plate.form.model_copy(
+        update={"edge_chamfer": 0.1, "u_edge_chamfer": 0.05, "u_block_tilt_x": 0.2, "u_block_tilt_y": 0.3}
+    )
+    holes = replace(plate.holes, chamfer=own, u_chamfer=u_own)
+    state = state_vector(facility(), replace(plate, form=form, holes=holes), lambertian(0.5))
+    assert state.sources == ("block tilt", "edge chamfer", "hole dimensions")
+    stated = dict(zip(state.labels, state.standard_uncertainty, strict=True))
+    assert [stated[f"hole {n} chamfer"] for n in (1, 2, 3)] == [0.02, 0.03, 0.05]
+    assert "hole 0 chamfer" not in stated
+    assert all(block.changes_shape for block in state.blocks)
+    values = state.nominal.copy()
+    values[state.labels.index("edge chamfer")] = -0.15
+    values[state.labels.index("hole 3 chamfer")] = 0.4
+    values[state.labels.index("block tilt y")] = 0.5
+    moved = state.inputs(values).artifact
+    np.testing.assert_allclose(moved.chamfers, [0.15, 0.2, 0.1, 0.4])
+    assert (moved.form.block_tilt_x, moved.form.block_tilt_y) == (0.0, 0.5)
+    np.testing.assert_array_equal(state.nominal_inputs.artifact.holes.chamfer, own)
+    values[state.labels.index("hole 3 chamfer")] = 1.2
+    with pytest.raises(InputError, match="hole 3: chamfer_mm"):
+        state.inputs(values)
+
+
 def test_draws_have_the_stated_mean_and_uncertainty_and_follow_the_seed() -> None:
     state = state_vector(uncertain(arms={"u_sensor_zenith": 0.3}, sample={"u_tilt": 0.1}), flat(), lambertian(0.5))
     drawn = state.draw(5, 4000)
