@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def diagnose_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run file (.nc, .csv) or run folder.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Run files (.nc, .csv) or run folders; several count as one.")
+    ],
     artifact: Annotated[Path | None, typer.Option(help="artifact.toml of the sample.", show_default=False)] = None,
     material: Annotated[Path | None, typer.Option(help="Coupon run, or table of the BRDF.", show_default=False)] = None,
     facility: Annotated[Path | None, typer.Option(help="facility.toml of the instrument.", show_default=False)] = None,
@@ -44,6 +46,9 @@ def diagnose_command(
     symmetry: Annotated[
         str, typer.Option(help="Of the sample when turned: isotropic, fourfold, twofold or mirror (none but that).")
     ] = "fourfold",
+    same_mounting: Annotated[
+        bool, typer.Option("--same-mounting", help="Several runs: the sample stayed on its mount between them.")
+    ] = False,
     wavelength: Annotated[
         float | None, typer.Option(help="Test the symmetries at this wavelength alone, nm.", show_default=False)
     ] = None,
@@ -57,13 +62,13 @@ def diagnose_command(
     for file in (json, prediction, report, save_twin):
         if file is not None:
             check_writable(file)
-    inputs = _inputs(run, {"facility": facility, "artifact": artifact, "material": material})
+    inputs = _inputs(runs[0], {"facility": facility, "artifact": artifact, "material": material})
     if inputs is None or columns is not None:
         _check_alone({"--prediction": prediction, "--report": report, "--save-twin": save_twin}, inputs, columns)
-        _symmetries_alone(run, columns, symmetry, wavelength, json)
+        _symmetries_alone(runs, columns, symmetry, wavelength, json)
         return
-    diagnosis = _diagnose(run, inputs, cache)
-    found = _parity(diagnosis, symmetry, wavelength)
+    diagnosis = _diagnose(runs, inputs, cache, same_mounting)
+    found = _parity(runs, symmetry, wavelength)
     _tell(diagnosis, found)
     _write(diagnosis, found, json, prediction)
     if save_twin is not None:
@@ -96,27 +101,32 @@ def _check_alone(outputs: dict[str, Path | None], inputs: Inputs | None, columns
 
 
 def _symmetries_alone(
-    run: Path, columns: Path | None, symmetry: str, wavelength: float | None, json: Path | None
+    runs: list[Path], columns: Path | None, symmetry: str, wavelength: float | None, json: Path | None
 ) -> None:
     from instrument.output import write_json
     from twin.diagnosis.parity_only import in_words, read_table, symmetries_of, to_dict
 
-    observation = read_table(run, columns)
-    found = symmetries_of(observation, symmetry, wavelength)
-    typer.echo(f"{run.name}: {len(observation)} points; no twin is named, so only symmetries are tested")
-    for line in in_words(found):
-        typer.echo(line)
-    for note in observation.notes:
-        typer.echo(f"{run.name}: {note}")
+    results, notes = [], []
+    for run in runs:
+        observation = read_table(run, columns)
+        found = symmetries_of(observation, symmetry, wavelength)
+        typer.echo(f"{run.name}: {len(observation)} points; no twin is named, so only symmetries are tested")
+        for line in in_words(found):
+            typer.echo(line)
+        for note in observation.notes:
+            typer.echo(f"{run.name}: {note}")
+        results += [{"run": run.name, **entry} for entry in to_dict(found)]
+        notes += [f"{run.name}: {note}" for note in observation.notes]
     if json is not None:
-        write_json(json, {"parity": to_dict(found), "notes": list(observation.notes)})
+        write_json(json, {"parity": results, "notes": notes})
         typer.echo(f"written: {json}")
 
 
-def _parity(diagnosis: Diagnosis, symmetry: str, wavelength: float | None) -> tuple[Parity, ...]:
+def _parity(runs: list[Path], symmetry: str, wavelength: float | None) -> tuple[Parity, ...]:
+    from twin.diagnosis.observation import read_observation
     from twin.diagnosis.parity_only import symmetries_of
 
-    return symmetries_of(diagnosis.prepared.problem.run, symmetry, wavelength)
+    return tuple(one for run in runs for one in symmetries_of(read_observation(run), symmetry, wavelength))
 
 
 def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs | None:
@@ -135,22 +145,32 @@ def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs | None:
     return Inputs(**{name: path for name, path in named.items() if path is not None})
 
 
-def _diagnose(run: Path, inputs: Inputs, cache: Path | None) -> Diagnosis:
+def _diagnose(runs: list[Path], inputs: Inputs, cache: Path | None, same_mounting: bool) -> Diagnosis:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from twin.diagnosis.diagnose import diagnose
+    from twin.diagnosis.joint import prepare_jointly
     from twin.diagnosis.observation import read_observation
+    from twin.diagnosis.plausible import check_plausible, flat_reflectance
     from twin.diagnosis.preparation import Bench
     from twin.diagnosis.renders import default_cache
 
-    observation = read_observation(run)
+    observations = [read_observation(run) for run in runs]
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
-        prepared = Bench(inputs, cache or default_cache()).prepare(
-            observation, lambda what, share: bar.update(task, description=what, completed=0.6 * share)
-        )
+        bench = Bench(inputs, cache or default_cache())
+
+        def told(what: str, share: float) -> None:
+            bar.update(task, description=what, completed=0.6 * share)
+
+        if len(observations) == 1:
+            prepared = bench.prepare(observations[0], told)
+        else:
+            prepared = prepare_jointly(bench, observations, same_mounting=same_mounting, told=told)
+        measured = prepared.problem.run
+        check_plausible(measured, prepared.problem.nominal, flat_reflectance(bench.material, measured))
         return diagnose(prepared, lambda what, share: bar.update(task, description=what, completed=0.6 + 0.4 * share))
 
 

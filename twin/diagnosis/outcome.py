@@ -86,8 +86,8 @@ def corrections_of(diagnosis: Diagnosis) -> Corrections:
         effects.append(
             Correction(effect=named.effect, parameters=values, u={name: entry["u"] for name, entry in found.items()})
         )
-    run = Path(diagnosis.prepared.problem.run.name).name
-    return Corrections(form="corrections", version=1, found_in=(run,), effects=tuple(effects))
+    runs = tuple(Path(name).name for name in diagnosis.prepared.problem.run.name.split(", "))
+    return Corrections(form="corrections", version=1, found_in=runs, effects=tuple(effects))
 
 
 def predictions(diagnosis: Diagnosis) -> xr.Dataset:

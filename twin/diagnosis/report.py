@@ -40,7 +40,7 @@ def report(diagnosis: Diagnosis, symmetries: Sequence[Parity]) -> str:
     run = diagnosis.prepared.problem.run
     parts = [
         paragraph(_said(diagnosis), "verdict"),
-        paragraph(f"{len(run)} points of {Path(run.name).name}.", "faint"),
+        paragraph(f"{len(run)} points of {_names(run.name)}.", "faint"),
         *_gap(diagnosis),
         *_maps(diagnosis),
         *_where(diagnosis),
@@ -53,7 +53,12 @@ def report(diagnosis: Diagnosis, symmetries: Sequence[Parity]) -> str:
         heading("What the file lacks"),
         bullets(run.notes) or paragraph("Nothing: everything that a test could use is there."),
     ]
-    return report_page.page(f"Diagnosis of {Path(run.name).name}", [part for part in parts if part])
+    return report_page.page(f"Diagnosis of {_names(run.name)}", [part for part in parts if part])
+
+
+def _names(joined: str) -> str:
+    """Files of the runs without their folders."""
+    return ", ".join(Path(name).name for name in joined.split(", "))
 
 
 def _said(diagnosis: Diagnosis) -> str:
