@@ -18,6 +18,7 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Relative = Annotated[float, Field(ge=0, lt=1)]
 AngleRange = tuple[float, float]
+_ARMS = ("illumination_zenith", "sensor_zenith", "sensor_azimuth")
 #: One relative standard uncertainty, or one for the best and one for the worst geometry.
 Budgeted = Relative | tuple[Relative, Relative]
 
@@ -117,24 +118,48 @@ class Sensor(Form):
         return self
 
 
+class KeepOut(Form):
+    """Where the arms, or an arm and something else, would touch: all three angles within these ranges (degree).
+
+    An angle that is left out may be any.
+    """
+
+    name: str = "mechanical interference"
+    illumination_zenith: AngleRange = (-360.0, 360.0)
+    sensor_zenith: AngleRange = (-360.0, 360.0)
+    sensor_azimuth: AngleRange = (-360.0, 360.0)
+
+    @model_validator(mode="after")
+    def _ranges_ascend(self) -> KeepOut:
+        _require_ascending(self)
+        if all(getattr(self, name) == (-360.0, 360.0) for name in _ARMS):
+            raise ValueError("expected the range of at least one arm; this keeps all of them from moving")
+        return self
+
+
 class Arms(Form):
-    """Travel of the arms and how well their angles are known."""
+    """Travel of the arms, where they would touch, and how well their angles are known."""
 
     illumination_zenith: AngleRange = (-90.0, 90.0)
     sensor_zenith: AngleRange = (-90.0, 90.0)
     sensor_azimuth: AngleRange = (0.0, 180.0)
     shadow_half_angle: NonNegative = 5.0
+    keep_out: tuple[KeepOut, ...] = ()
     u_illumination_zenith: NonNegative = 0.0
     u_sensor_zenith: NonNegative = 0.0
     u_sensor_azimuth: NonNegative = 0.0
 
     @model_validator(mode="after")
     def _ranges_ascend(self) -> Arms:
-        for name in ("illumination_zenith", "sensor_zenith", "sensor_azimuth"):
-            lower, upper = getattr(self, name)
-            if not lower < upper:
-                raise ValueError(f"{name} must run from low to high, found [{lower}, {upper}]")
+        _require_ascending(self)
         return self
+
+
+def _require_ascending(ranges: Arms | KeepOut) -> None:
+    for name in _ARMS:
+        lower, upper = getattr(ranges, name)
+        if not lower < upper:
+            raise ValueError(f"{name} must run from low to high, found [{lower}, {upper}]")
 
 
 class SamplePlacement(Form):

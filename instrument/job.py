@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 from drivers.clock import Clock
 from drivers.interfaces import Laboratory
+from instrument.calibration import calibration_numbers
 from instrument.events import Geometry
 from instrument.facility import Facility
 from instrument.journal import Journal, JournalContent
@@ -58,6 +61,22 @@ class ScanJob:
         return list(enumerate(reference_geometries(self.plan, self.facility)))
 
     def missing_references(self) -> list[tuple[int, Geometry]]:
-        """Those not in the journal yet."""
-        read = {int(record["index"]) for record in self.previous.references} if self.previous else set()
+        """Those that the last calibration lacks; all of them where it is too old for what is still to be measured."""
+        read = self._last_calibration()
+        if read and self.reference_age() > timedelta(hours=self.settings.reference_age):
+            return self.references()
         return [(index, geometry) for index, geometry in self.references() if index not in read]
+
+    def reference_age(self) -> timedelta:
+        """How long ago (laboratory time) the last calibration of a resumed run began; zero where there is none."""
+        taken = [datetime.fromisoformat(record["time"]) for record in self._last_calibration().values()]
+        return self.clock.now() - min(taken) if taken else timedelta(0)
+
+    def _last_calibration(self) -> dict[int, dict[str, Any]]:
+        records = self.previous.references if self.previous else ()
+        numbers = calibration_numbers(record["index"] for record in records)
+        return {
+            int(record["index"]): record
+            for number, record in zip(numbers, records, strict=True)
+            if number == numbers[-1]
+        }

@@ -26,6 +26,8 @@ from instrument.plan import SHADOW_SLACK, describe
 
 #: Spacing of the ways around the cone that are tried, degree: a coarse lattice first.
 _DETOUR_STEPS = (45.0, 15.0)
+#: How far ways keep from boxes, degree, where they turn beside one.
+_BESIDE = 1.0
 #: Seconds that a move costs beyond its profile (settling, read-back): prefers ways with few moves.
 _MOVE_COST = 1.0
 
@@ -60,6 +62,30 @@ class Pose(NamedTuple):
     def separation(self) -> float:
         """Angle between illumination and sensor direction, degree."""
         return _separation(self.illumination_zenith, self.sensor_azimuth, self.sensor_zenith)
+
+
+class Box(NamedTuple):
+    """Poses that must not be taken: mechanical interference, or anything else in the way (degree, rims included)."""
+
+    name: str
+    low: Pose
+    high: Pose
+
+    def touched(self, pose: Pose, leg: Leg | None = None) -> bool:
+        """Whether a pose, or any on the way of one arm, lies in the box. Exact: a leg is a line along an axis.
+
+        Parameters
+        ----------
+        pose
+            Where the other arms stand.
+        leg
+            The move; None for the pose alone.
+        """
+        for axis, low, high, value in zip(AXES, self.low, self.high, pose, strict=True):
+            first, last = (value, value) if leg is None or axis != leg.axis else sorted((leg.start, leg.target))
+            if last < low or first > high:
+                return False
+        return True
 
 
 class Leg(NamedTuple):
@@ -105,11 +131,12 @@ def _separation(illumination_zenith: float, sensor_azimuth: float, sensor_zenith
 
 @dataclass(frozen=True)
 class Envelope:
-    """Where the arms may be: travel of each (degree, (lower, upper)) and half-angle of the cone."""
+    """Where the arms may be: travel (degree, (lower, upper)), half-angle of the cone, boxes where they would touch."""
 
     travel: Mapping[str, tuple[float, float]]
     cone: float
     speeds: Mapping[str, AxisLimits] = field(default_factory=dict)
+    keep_out: tuple[Box, ...] = ()
     _known: dict[tuple[Pose, Pose], tuple[Leg, ...]] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
@@ -130,7 +157,11 @@ class Envelope:
                     f"{axis}: the facility allows {low:g} to {high:g} degrees, the drive {limits[axis].lower:g} to"
                     f" {limits[axis].upper:g}: nothing in common"
                 )
-        return cls(travel, arms.shadow_half_angle, dict(limits))
+        boxes = (
+            Box(kept.name, *(Pose(*(getattr(kept, axis)[end] for axis in AXES)) for end in (0, 1)))
+            for kept in arms.keep_out
+        )
+        return cls(travel, arms.shadow_half_angle, dict(limits), tuple(boxes))
 
     def check_point(self, geometry: Geometry, name: str) -> Pose:
         """The pose of a point, which may be taken.
@@ -140,7 +171,7 @@ class Envelope:
         InputError
             If an angle lies beyond an arm.
         SafetyError
-            If the detector head would stand in the beam.
+            If the detector head would stand in the beam, or where it must be kept out of.
         """
         pose = Pose.of(geometry)
         for axis, value in zip(AXES, pose, strict=True):
@@ -155,15 +186,21 @@ class Envelope:
                 f"{name}: {describe(geometry)}: {pose.separation():.2f} degrees from retro-reflection, the detector"
                 f" head would stand in the beam (at least {self.cone:g} degrees)"
             )
+        for box in self.keep_out:
+            if box.touched(pose):
+                raise SafetyError(f"{name}: {describe(geometry)}: lies where the arms are kept out ({box.name})")
         return pose
 
     def clear(self, pose: Pose, leg: Leg) -> bool:
         """Whether an arm may move: within its travel (or towards it), and never closer to the beam than the cone.
 
-        Arms that already stand inside the cone, after homing for example, may only move away from the beam.
+        Arms that already stand inside the cone, after homing for example, may only move away from the beam. Out of a
+        box that is kept out of no way is known: a person has to bring the arms out of it.
         """
         low, high = self.travel[leg.axis]
         if not low <= leg.target <= high:
+            return False
+        if any(box.touched(pose, leg) for box in self.keep_out):
             return False
         return closest(pose, leg) >= min(self.cone, pose.separation()) - SHADOW_SLACK
 
@@ -173,8 +210,13 @@ class Envelope:
         Raises
         ------
         SafetyError
-            If every way crosses the cone or leaves the travel.
+            If every way crosses the cone, leads where arms are kept out, or leaves the travel.
         """
+        for box in self.keep_out:
+            if box.touched(start):
+                raise SafetyError(
+                    f"the arms stand at {_say(start)}, where they are kept out ({box.name}); bring them out by hand"
+                )
         if (start, target) not in self._known:
             self._known[start, target] = self._find(start, target)
         return self._known[start, target]
@@ -229,7 +271,7 @@ class Envelope:
         return None
 
     def _stops(self, start: Pose, target: Pose, step: float) -> dict[str, list[float]]:
-        """Values of each arm that a way around may use: a lattice, and a cone's width beside both ends."""
+        """Values of each arm that a way around may use: a lattice, beside both ends by a cone's width, beside boxes."""
         stops = {}
         for axis in AXES:
             low, high = self.travel[axis]
@@ -237,7 +279,9 @@ class Envelope:
             steps = max(math.ceil((high - low) / step), 1)
             lattice = {low + (high - low) * number / steps for number in range(steps + 1)}
             beside = {end + side * 2.5 * self.cone for end in ends for side in (-1, 1)}
-            allowed = {value for value in lattice | beside if low <= value <= high}
+            around = {getattr(box.low, axis) - _BESIDE for box in self.keep_out}
+            around |= {getattr(box.high, axis) + _BESIDE for box in self.keep_out}
+            allowed = {value for value in lattice | beside | around if low <= value <= high}
             stops[axis] = sorted(allowed | ends)
         return stops
 

@@ -10,6 +10,7 @@ import pytest
 from fake_bench import Bench
 from scan_stage import FACILITY, QUICK, plan_of, stage
 
+from drivers.clock import Clock
 from drivers.errors import CommunicationError, DeviceFault
 from drivers.interfaces import AxisLimits
 from instrument.dataset import read_run
@@ -411,3 +412,18 @@ def test_an_observer_that_fails_or_lags_does_not_touch_the_scan(tmp_path: Path) 
     assert end.done == 3
     assert isinstance(failing.failure, ZeroDivisionError)
     assert any("the twin failed" in e.text for e in s.events(Message))
+
+
+@pytest.mark.parametrize(("hours", "readings"), [(1e-9, 8), (12.0, 4)])
+def test_a_resumed_run_measures_the_reference_anew_where_it_is_too_old(
+    tmp_path: Path, hours: float, readings: int
+) -> None:
+    s = stage(tmp_path)
+    s.when(lambda e: isinstance(e, PointMeasured) and e.index == 0, lambda: s.engine.abort("over night"))
+    s.run()
+    bench = Bench(clock=Clock(2000.0, start=s.bench.clock.now()))
+    again = stage(tmp_path, bench=bench, settings=QUICK.model_copy(update={"reference_age": hours}))
+    end = again.run()
+    assert (end.outcome, end.done) == ("finished", 3)
+    assert len(again.journal().references) == readings
+    assert again.bench.log.count("mount reference") == readings // 8

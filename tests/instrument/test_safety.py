@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from drivers.interfaces import AxisLimits
 from instrument.angles import angle_between, direction
@@ -13,7 +14,7 @@ from instrument.durations import AXES
 from instrument.errors import InputError, SafetyError
 from instrument.events import Geometry
 from instrument.facility import Arms
-from instrument.safety import Envelope, Leg, Pose, check_plan, closest
+from instrument.safety import Box, Envelope, Leg, Pose, check_plan, closest
 
 WIDE = {
     "illumination_zenith": AxisLimits(-91.0, 91.0, 10.0, 20.0),
@@ -173,3 +174,55 @@ def test_the_plan_of_the_artifact_needs_nine_ways_around_the_cone() -> None:
     checked = check_plan([(f"point {i}", p) for i, p in enumerate(points)], Pose(0.0, 0.0, 0.0), ENVELOPE)
     assert checked.detours == 9
     assert 300.0 < checked.moving_time < 900.0
+
+
+HEADS = Box("detector head against the source", Pose(40.0, 0.0, 50.0), Pose(90.0, 30.0, 90.0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(start=poses, target=poses)
+def test_no_way_leads_through_where_the_arms_would_touch(start: Pose, target: Pose) -> None:
+    """Finely sampled, independently of how ways are searched for."""
+    envelope = Envelope(ENVELOPE.travel, 5.0, keep_out=(HEADS,))
+    assume(target.separation() >= 5.0 and not HEADS.touched(start) and not HEADS.touched(target))
+    try:
+        legs = envelope.route(start, target)
+    except SafetyError:
+        assume(False)
+    pose = start
+    for leg in legs:
+        for step in np.linspace(leg.start, leg.target, 91):
+            here = pose.moved(leg.axis, float(step))
+            assert not all(low <= value <= high for low, value, high in zip(HEADS.low, here, HEADS.high, strict=True))
+        pose = pose.moved(leg.axis, leg.target)
+    assert pose == target
+
+
+def test_a_way_is_found_around_what_stands_in_the_direct_one() -> None:
+    low, high = Pose(-90.0, 60.0, 20.0), Pose(90.0, 80.0, 90.0)
+    envelope = Envelope(ENVELOPE.travel, 5.0, keep_out=(Box("post", low, high),))
+    legs = envelope.route(Pose(40.0, 30.0, 40.0), Pose(40.0, 120.0, 40.0))
+    assert len(legs) == 3  # the sensor is lowered under the post, swung, and raised again
+    assert [leg.axis for leg in legs] == ["sensor_zenith", "sensor_azimuth", "sensor_zenith"]
+    assert legs[0].target < 20.0
+
+
+def test_a_point_where_the_arms_would_touch_is_refused_by_name() -> None:
+    envelope = Envelope(ENVELOPE.travel, 5.0, keep_out=(HEADS,))
+    with pytest.raises(SafetyError, match=r"kept out \(detector head against the source\)"):
+        envelope.check_point(point(50.0, 0.0, 80.0), "point 3")
+    with pytest.raises(SafetyError, match="bring them out by hand"):
+        envelope.route(Pose(50.0, 10.0, 60.0), Pose(0.0, 90.0, 30.0))
+
+
+def test_the_facility_says_where_the_arms_would_touch() -> None:
+    arms = Arms.model_validate({"keep_out": ({"name": "post", "sensor_azimuth": (0.0, 10.0)},)})
+    limits = AxisLimits(-200.0, 200.0, 10.0, 10.0)
+    envelope = Envelope.of(arms, dict.fromkeys(AXES, limits))
+    assert envelope.keep_out[0].touched(Pose(0.0, 5.0, 30.0))
+    assert not envelope.keep_out[0].touched(Pose(0.0, 11.0, 30.0))
+    assert not envelope.clear(Pose(0.0, 20.0, 30.0), Leg("sensor_azimuth", 20.0, 10.0))
+    with pytest.raises(ValidationError, match="at least one arm"):
+        Arms.model_validate({"keep_out": ({"name": "everything"},)})
+    with pytest.raises(ValidationError, match="from low to high"):
+        Arms.model_validate({"keep_out": ({"sensor_azimuth": (10.0, 0.0)},)})
