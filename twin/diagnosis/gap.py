@@ -127,16 +127,18 @@ def _choose(problem: Problem) -> tuple[tuple[str, ...], FloatArray]:
     members, residual = problem.members, problem.residual
     none = fit_none(residual, members)
     hypotheses = [Hypothesis((), False, np.log(PRIOR["none"]), none.log_evidence, none)]
-    library = len(problem.components)
+    library = sum(component.catalogued for component in problem.components)
     singles = [
         (c, fit) for c in problem.components if c.catalogued and (fit := fit_single(c, residual, members)) is not None
     ]
     for component, fit in singles:
         prior = np.log(PRIOR["one"] / library) + np.log(max(component.nodes.inside, 1e-12))
         hypotheses.append(Hypothesis(fit.names, False, prior, fit.log_evidence, fit))
+    inside = {component.name: component.nodes.inside for component, _ in singles}
     couples = max(1.0, library * (library - 1) / 2)
     for fit in pairs(residual, singles, members, around=3, refitted=12):
-        hypotheses.append(Hypothesis(fit.names, False, np.log(PRIOR["two"] / couples), fit.log_evidence, fit))
+        prior = np.log(PRIOR["two"] / couples) + sum(np.log(max(inside[name], 1e-12)) for name in fit.names)
+        hypotheses.append(Hypothesis(fit.names, False, prior, fit.log_evidence, fit))
     best = normalised(hypotheses).hypotheses[0]
     assert best.fit is not None
     return best.names, best.fit.values

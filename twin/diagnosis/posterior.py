@@ -113,11 +113,14 @@ def weigh(
     known = {component.name for component in components if component.catalogued}
     hypotheses += [_single(component, fit, known, len(components)) for component, fit in singles]
     tell("two effects", 0.45)
-    couples = sorted(pairs(residual, singles, members), key=lambda fit: -fit.log_evidence)
+    named = [(component, fit) for component, fit in singles if component.catalogued]
+    inside = {component.name: np.log(max(component.nodes.inside, 1e-12)) for component, _ in named}
+    couples = sorted(pairs(residual, named, members), key=lambda fit: -fit.log_evidence)
     couples = [tolerant(fit, residual, members, smooth) for fit in couples[:_CHECKED]] + couples[_CHECKED:]
     each = PRIOR["two"] / max(1.0, len(known) * (len(known) - 1) / 2)
     for fit in couples:
-        hypotheses.append(Hypothesis(fit.names, not set(fit.names) <= known, np.log(each), fit.log_evidence, fit))
+        prior = np.log(each) + sum(inside[name] for name in fit.names)
+        hypotheses.append(Hypothesis(fit.names, False, prior, fit.log_evidence, fit))
     tell("an unknown cause", 0.8)
     fits = [fit for _, fit in singles]
     for beside, evidence in smooth_evidence(residual, fits, members, gaps, relative_u, none):
