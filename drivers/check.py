@@ -93,7 +93,9 @@ def describe(device: Device) -> tuple[str, str]:
     if isinstance(device, LightSource):
         return f"emission {'on' if device.emission() else 'off'}, power {device.power():.1%}", device.fault()
     if isinstance(device, WavelengthSelector):
-        return f"{device.wavelength():g} nm", ""
+        # A filter need not know of faults; where it does, they belong here.
+        fault = getattr(device, "fault", None)
+        return f"{device.wavelength():g} nm", fault() if fault is not None else ""
     if isinstance(device, Amplifier):
         return _gain(device), "overload" if device.overload() else ""
     if isinstance(device, Shutter):

@@ -14,6 +14,14 @@ from drivers.transport import Line
 
 Address = Annotated[int, Field(ge=1, le=160)]
 
+#: Status bits of the SELECT (type 67h) that are faults.
+SELECT_FAULTS = {
+    1: "interlock of the filter open",
+    2: "interlock loop in open",
+    3: "interlock loop out open",
+    15: "error",
+}
+
 RF_DRIVER, SELECT, VARIA = 0x66, 0x67, 0x68
 
 RF_POWER, MINIMUM, MAXIMUM, WAVELENGTHS, AMPLITUDES = 0x30, 0x34, 0x35, 0x90, 0xB0
@@ -33,7 +41,7 @@ class SelectForm(Form):
     address
         Of the RF driver (type 66h).
     select_address
-        Of the SELECT itself (type 67h), where its interlock and shutters are to be watched.
+        Of the SELECT itself (type 67h), where its interlock is to be watched.
     channel
         Acousto-optic line in use; the other lines are left alone.
     amplitude
@@ -56,15 +64,16 @@ class NktSelect:
         self.name = name
         self._line, self._options = line, options
         self._driver = NktModule(name, line, options.address)
+        address = options.select_address
+        self._select = NktModule(name, line, address) if address is not None else None
         self._range: tuple[float, float] | None = None
         line.attach(name)
 
     def identify(self) -> str:
         """Type and serial number of the RF driver, and of the SELECT where its address is known."""
         identity = self._driver.identify((RF_DRIVER,))
-        if self._options.select_address is not None:
-            select = NktModule(self.name, self._line, self._options.select_address)
-            identity += "; " + select.identify((SELECT,))
+        if self._select is not None:
+            identity += "; " + self._select.identify((SELECT,))
         lower, upper = self.wavelength_range()
         return f"{identity}, {lower:g} to {upper:g} nm"
 
@@ -80,7 +89,7 @@ class NktSelect:
         CommandRefused
             If the crystal cannot select the wavelength.
         DeviceFault
-            If another wavelength is read back.
+            If another wavelength is read back, or the SELECT reports a fault.
         """
         lower, upper = self.wavelength_range()
         if not lower <= wavelength <= upper:
@@ -92,6 +101,15 @@ class NktSelect:
         found = self._driver.read_unsigned(WAVELENGTHS + channel)
         if found != picometres:
             raise DeviceFault(self.name, f"wavelength reads {found / PM_PER_NM:g} nm after {wavelength:g} nm was set")
+        if fault := self.fault():
+            raise DeviceFault(self.name, fault, "no light passes before that is mended")
+
+    def fault(self) -> str:
+        """What the SELECT reports, in words; empty where nothing is wrong, or its address is not known."""
+        if self._select is None:
+            return ""
+        status = self._select.read_unsigned(STATUS)
+        return "; ".join(words for bit, words in SELECT_FAULTS.items() if status >> bit & 1)
 
     def make_safe(self) -> None:
         """RF power off: no light passes."""

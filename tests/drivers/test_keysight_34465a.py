@@ -142,6 +142,14 @@ def test_refused_settings_are_quoted_and_the_queue_is_emptied(meet: Meet) -> Non
     assert meter.heard[0].count("SYST:ERR?") == 3
 
 
+@pytest.mark.parametrize("reply", ["ERROR", "", '"No error"', "9.9E37"])
+def test_what_is_no_entry_of_the_error_queue_is_told(meet: Meet, reply: str) -> None:
+    driver, meter = meet(IDENTITY, reply)
+    with pytest.raises(CommunicationError, match=r"SYST:ERR\? gave .*, expected a number and a text"):
+        driver.identify()
+    assert meter.heard[0].count("SYST:ERR?") == 1
+
+
 def test_a_late_burst_dies_with_its_connection_and_another_one_is_taken(meet: Meet) -> None:
     driver, meter = meet(NO_ERROR, (0.6, "+9.0E+00"), NO_ERROR, "+1.5E+00")
     assert driver.read(1).samples == (1.5,)

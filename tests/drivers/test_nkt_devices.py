@@ -43,7 +43,7 @@ class Bus:
 
 
 @contextmanager
-def line_to(peer: Peer, timeout: float = 0.2) -> Iterator[Line]:
+def line_to(peer: Peer, timeout: float = 0.8) -> Iterator[Line]:
     line = SerialLineForm(kind="serial", port=peer.port, baudrate=115200, timeout=timeout).open("laser")
     assert isinstance(line, Line)
     yield line
@@ -194,7 +194,7 @@ def test_a_late_reply_is_exposed_by_its_old_source_address(converse: Converse) -
 
 
 def test_a_reply_just_past_its_deadline_is_waited_out(converse: Converse, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transport, "QUIET", 0.5)  # longer than a busy machine is late
+    monkeypatch.setattr(transport, "QUIET", 1.5)  # longer than a busy machine is late
     bus = Bus(15)
     request, late = bus.read(0x66, 1)
     assert isinstance(late, bytes)
@@ -233,6 +233,19 @@ def test_the_select_tunes_its_channel_and_reads_back(converse: Converse) -> None
         with pytest.raises(CommandRefused, match="1800 nm is outside 400 to 1700 nm"):
             select.set_wavelength(1800.0)
         select.make_safe()
+
+
+def test_the_interlock_of_the_select_is_watched_and_told_in_words(converse: Converse) -> None:
+    driver, status = Bus(0x12), Bus(0x10)
+    limits = [driver.read(0x34, 400_000, 4), driver.read(0x35, 1_700_000, 4)]
+    tune = [driver.write(0x90, 500_000, 4), driver.write(0xB0, 1000, 2), driver.write(0x30, 1, 1)]
+    tune.append(driver.read(0x90, 500_000, 4))
+    with line_to(converse(*limits, *tune, status.read(0x66, 1 << 1), status.read(0x66, 1 << 8))) as line:
+        select = NktSelect("selector", line, SelectForm(address=0x12, select_address=0x10), CLOCK)
+        assert select.wavelength_range() == (400.0, 1700.0)
+        with pytest.raises(DeviceFault, match="interlock of the filter open"):
+            select.set_wavelength(500.0)
+        assert select.fault() == ""
 
 
 def test_the_select_wavelength_frame_of_the_protocol_description(converse: Converse) -> None:

@@ -194,3 +194,28 @@ def test_a_second_client_waits_for_the_burst_of_the_first(lit, room):
     reader.join(5.0)
     assert room.bench.readings == 9
     other.close()
+
+
+def test_settings_that_frameworks_make_are_kept_and_reset(meter):
+    kept = {"SAMPle:SOURce": "TIM", "TRIGger:SLOPe": "POS", "DISPlay:STATe": "0", "SENSe:VOLTage:APERture:ENABled": "1"}
+    for header, value in kept.items():
+        meter.send(f"{header} {value}")
+        assert meter.ask(f"{header}?") == value
+    meter.send("SAMPle:TIMer 0.5", "TRIGger:DELay 0.1", 'DISPlay:TEXT "goniotwin"')
+    assert meter.numbers("SAMPle:TIMer?") == [0.5]
+    assert meter.ask("TRIGger:DELay:AUTO?") == "0"
+    assert meter.ask("DISPlay:TEXT?") == '"goniotwin"'
+    assert meter.numbers("SAMPle:TIMer? MAX") == [3600.0]
+    assert meter.ask("SYSTem:LFRequency?") == "+50"
+    meter.send("*RST")
+    assert meter.ask("SAMP:SOUR?") == "IMM"
+    assert meter.ask("TRIG:DEL:AUTO?") == "1"
+    assert meter.error() == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "error"), [("SAMP:SOUR", -109), ("SAMP:SOUR X", -224), ("SAMP:TIM 4000", -222), ("TRIG:LEV x", -148)]
+)
+def test_settings_that_make_no_sense_are_refused(meter, command, error):
+    meter.send(command)
+    assert meter.error() == error

@@ -175,3 +175,12 @@ def test_no_bytes_upset_the_bus(noise):
     bus._open = False
     replies = bus.feed(bytes.fromhex("0D 0F A2 04 61") + encode(0x0F, HOST, READ, 0x61)[5:])
     assert [reply[3] for reply in replies] in ([BUSY], [DATAGRAM])
+
+
+@pytest.mark.parametrize(
+    ("address", "registers"),
+    [(0x10, (0x32, 0x33, 0x34, 0x35, 0x90, 0x91, 0xA0, 0xA1)), (0x12, (0x31, 0x38, 0x3B, 0x3C, 0x75, 0xC0, 0xC7))],
+)
+def test_the_filter_has_every_register_that_a_full_readout_asks_for(bus, address, registers):
+    for register in registers:
+        assert bus.ask(address, READ, register)[0] == DATAGRAM, f"{register:02X}h"

@@ -125,6 +125,7 @@ def test_unknown_commands_and_missing_values_have_their_letters(port):
     assert port.ask("1TE") == "1TEA"
     port.send("1PA")
     assert port.ask("1TB").startswith("1TBC ")
+    assert port.ask("1TBG") == "1TBG Displacement out of limits"
 
 
 def test_stop_ends_every_motion_on_the_line(homed):
