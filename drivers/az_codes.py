@@ -13,8 +13,14 @@ COORDINATES_SET = 1 << 1
 #: Word 0178h: the software limits.
 SOFTWARE_LIMITS = {1 << 9: "forward software limit", 1 << 10: "reverse software limit"}
 
+#: Word 0170h: the limit sensors.
+LIMIT_SENSORS = {1 << 12: "forward limit sensor active", 1 << 13: "reverse limit sensor active"}
+
 #: Word 0179h.
 ALARM_A, READY, MOVE = 1 << 1, 1 << 4, 1 << 6
+
+#: The alarm of a limit sensor.
+HARDWARE_OVERTRAVEL = 0x66
 
 #: Alarm codes, register 0080h.
 ALARMS = {

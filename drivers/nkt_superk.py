@@ -12,7 +12,7 @@ from pydantic import Field
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, CommunicationError, DeviceFault
 from drivers.forms import Form
-from drivers.nkt_module import STATUS, NktModule
+from drivers.nkt_module import ERROR, STATUS, NktModule
 from drivers.transport import Line
 
 EMISSION, MODE, INTERLOCK, WATCHDOG, POWER = 0x30, 0x31, 0x32, 0x36, 0x37
@@ -46,6 +46,8 @@ STATUS_FAULTS = {
     13: "checksum error at start",
     15: "system error",
 }
+
+SYSTEM_ERROR = 15
 
 #: Laboratory s within which the status must follow an emission command.
 EMISSION_DEADLINE = 3.0
@@ -151,6 +153,8 @@ class NktSuperK:
         """
         status = self._module.read_unsigned(STATUS)
         problems = [words for bit, words in STATUS_FAULTS.items() if status >> bit & 1]
+        if status >> SYSTEM_ERROR & 1:
+            problems.append(f"error code {self._module.read_unsigned(ERROR)}: see the manual of the laser")
         interlock = self._module.read_unsigned(INTERLOCK)
         if not (self._options.reset_interlock and interlock & 0xFF == INTERLOCK_WAITING):
             problems.insert(0, interlock_words(interlock))

@@ -19,6 +19,8 @@ from drivers.arm import ArmForm, ArmScale
 from drivers.az_codes import (
     ALARM_A,
     COORDINATES_SET,
+    HARDWARE_OVERTRAVEL,
+    LIMIT_SENSORS,
     MOVE,
     READY,
     SOFTWARE_LIMITS,
@@ -36,7 +38,7 @@ REMOTE_INPUT = 0x007D
 ALARM_CODE = 0x0080
 COMMAND_POSITION, FEEDBACK_POSITION = 0x00C6, 0x00CC
 TEMPERATURES = 0x00F8
-STATUS_WORDS = 0x0178
+LIMIT_SENSOR_WORD, STATUS_WORDS = 0x0170, 0x0178
 ALARM_RESET = 0x0180
 
 ABSOLUTE, TRIGGER_ALL = 1, 1
@@ -111,7 +113,7 @@ class OrientalAz:
         origin, drive = self._read(STATUS_WORDS, 2)
         faults = []
         if drive & ALARM_A:
-            faults.append(alarm_words(self._long(ALARM_CODE)))
+            faults.append(self._alarm())
         faults += [text for bit, text in SOFTWARE_LIMITS.items() if origin & bit]
         moving = bool(drive & MOVE)
         at_target = bool(drive & READY) and not moving and not drive & ALARM_A and self._at_command()
@@ -212,7 +214,7 @@ class OrientalAz:
         """Refuse where the drive cannot move now; returns the word with the coordinate bits."""
         origin, drive = self._read(STATUS_WORDS, 2)
         if drive & ALARM_A:
-            raise DeviceFault(self.name, alarm_words(self._long(ALARM_CODE)), "remove the cause and reset the alarm")
+            raise DeviceFault(self.name, self._alarm(), "remove the cause and reset the alarm")
         if drive & MOVE:
             raise CommandRefused(self.name, "the drive is still moving", "stop it or wait")
         if not drive & READY:
@@ -225,7 +227,7 @@ class OrientalAz:
         while True:
             _, drive = self._read(STATUS_WORDS, 2)
             if drive & ALARM_A:
-                raise DeviceFault(self.name, alarm_words(self._long(ALARM_CODE)), "remove the cause, reset the alarm")
+                raise DeviceFault(self.name, self._alarm(), "remove the cause, reset the alarm")
             if drive & MOVE or arrived():
                 return
             if time.monotonic() > deadline:
@@ -244,6 +246,15 @@ class OrientalAz:
         return CommunicationError(
             self.name, f"{command}: {error.problem}; {outcome}", "read position and state before moving again"
         )
+
+    def _alarm(self) -> str:
+        """The alarm in words; at an overtravel also which limit sensor is active."""
+        code = self._long(ALARM_CODE)
+        if code != HARDWARE_OVERTRAVEL:
+            return alarm_words(code)
+        sensors = self._read(LIMIT_SENSOR_WORD, 1)[0]
+        active = [text for bit, text in LIMIT_SENSORS.items() if sensors & bit]
+        return ", ".join([alarm_words(code), *active])
 
     def _stands_at_home(self) -> bool:
         origin, _ = self._read(STATUS_WORDS, 2)

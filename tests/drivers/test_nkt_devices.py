@@ -134,6 +134,12 @@ def test_faults_are_told_in_words(converse: Converse) -> None:
         assert laser(line).fault() == "interlock open: door; interlock loop open; supply voltage low"
 
 
+def test_an_error_of_the_laser_is_told_with_its_code(converse: Converse) -> None:
+    bus = Bus(15)
+    with line_to(converse(bus.read(0x66, 1 << 15), bus.read(0x67, 42, 1), bus.read(0x32, 2))) as line:
+        assert laser(line).fault() == "system error; error code 42: see the manual of the laser"
+
+
 def test_power_is_set_in_constant_power_mode_and_read_back(converse: Converse) -> None:
     bus = Bus(15)
     peer = converse(

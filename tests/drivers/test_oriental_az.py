@@ -169,9 +169,10 @@ def test_a_move_that_cannot_be_is_refused(converse: Converse, drive: int, origin
 
 
 def test_an_alarm_is_told_in_words(converse: Converse) -> None:
-    peer = converse(status(ALARM), long(0x80, 0x66), status(ALARM), long(0x80, 0x30))
+    reverse = rtu("01 03 01 70 00 01"), rtu("01 03 02 20 00")
+    peer = converse(status(ALARM), long(0x80, 0x66), reverse, status(ALARM), long(0x80, 0x30))
     with axis_on(peer) as axis:
-        with pytest.raises(DeviceFault, match="alarm 66h: hardware overtravel"):
+        with pytest.raises(DeviceFault, match="alarm 66h: hardware overtravel, reverse limit sensor active"):
             axis.start_move(1.0)
         assert axis.status().fault == "alarm 30h: overload"
 
