@@ -37,6 +37,8 @@ def simulate(
             table.add_row("control", f"127.0.0.1:{laboratory.endpoints['control']} (JSON lines)")
             console.print(table)
             console.print(f"connections: {laboratory.inputs.devices}", soft_wrap=True, highlight=False)
+            alternative = laboratory.inputs.devices.with_name("devices-esp301.toml")
+            console.print(f"all arms on an ESP301: {alternative}", soft_wrap=True, highlight=False)
             console.print("Ctrl-C ends it.")
             try:
                 threading.Event().wait()
