@@ -97,6 +97,23 @@ class Acquisition:
         """Laboratory seconds that the last reading took; 0 before the first."""
         return self._last_duration
 
+    @property
+    def darkest(self) -> float:
+        """What a reading with the shutter closed may reach at the lowest gain, fraction of full scale."""
+        return self._settings.darkest
+
+    def dark_level(self) -> float:
+        """Volts with the shutter closed, at the lowest gain.
+
+        Raises
+        ------
+        DeviceFault
+            If the meter says overload.
+        """
+        self._set_gain(min(self._amplifier.gains))
+        self._gain_known = True
+        return self._dark()
+
     def forget_gain(self) -> None:
         """The amplifier may have been without power: its gain is chosen anew."""
         self._gain_known = False
@@ -128,11 +145,9 @@ class Acquisition:
         finally:
             self.shut()
         self._controls.sleep(self._settings.settling)
-        dark = self._read(self._settings.dark_samples)
-        if dark.overload or not _numbers(dark):
-            raise DeviceFault("detector", "overload with the shutter closed", "look for stray light or a broken cable")
+        dark = self._dark()
         self._last_duration = self._clock.monotonic() - began
-        burst = Burst(reading.samples, sum(dark.samples) / len(dark.samples), gain, self._flags(reading))
+        burst = Burst(reading.samples, dark, gain, self._flags(reading))
         if burst.current <= 0:
             # Every uncertainty is relative to the reading: such a point could not even be marked as uncertain.
             light = sum(burst.samples) / len(burst.samples)
@@ -143,6 +158,12 @@ class Acquisition:
             )
         self._require_stable(burst)
         return burst
+
+    def _dark(self) -> float:
+        dark = self._read(self._settings.dark_samples)
+        if dark.overload or not _numbers(dark):
+            raise DeviceFault("detector", "overload with the shutter closed", "look for stray light or a broken cable")
+        return sum(dark.samples) / len(dark.samples)
 
     def _require_stable(self, burst: Burst) -> None:
         light = burst.current * burst.gain

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from drivers.errors import CommandRefused, CommunicationError, DeviceError, DeviceFault
+from drivers.errors import CommandRefused, CommunicationError, DeviceError
 from drivers.interfaces import Laboratory
 from instrument.acquisition import NoReading, Overloaded
 from instrument.attendance import Attendance
@@ -33,6 +33,7 @@ from instrument.job import ScanJob
 from instrument.motion import MotionFailed
 from instrument.mounting import change_sample
 from instrument.operators import Mounted
+from instrument.preflight import preflight, require
 from instrument.progress import Progress
 from instrument.reporter import Reporter
 from instrument.run_schema import REPEATED
@@ -165,17 +166,13 @@ class ScanEngine:
         ------
         InputError, SafetyError
             If the plan leads where an arm must not go.
-        DeviceFault
-            If an axis or the source reports a fault.
+        DeviceFault, DiskNearlyFull
+            If a check of the preflight has not passed; all of them are in the journal.
         """
-        station.acquisition.shut()
-        axes = station.laboratory.axes()
-        statuses = {name: axis.status() for name, axis in axes.items()}
-        faults = {name: status.fault for name, status in statuses.items()}
-        faults["source"] = station.laboratory.source.fault()
-        for name, fault in faults.items():
-            if fault:
-                raise DeviceFault(name, fault, "clear the fault before a scan")
+        checks = preflight(station, self._job.files.run_dir, self._job.settings, self._job.reference_age())
+        self._report.record("preflight", time=self._report.now(), checks=checks)
+        require(checks)
+        statuses = {name: axis.status() for name, axis in station.laboratory.axes().items()}
         # An arm that is not homed will stand at its zero once it is.
         start = station.pose() if all(s.homed for s in statuses.values()) else Pose(0.0, 0.0, 0.0)
         total = len(self._job.plan)

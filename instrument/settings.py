@@ -39,6 +39,7 @@ class AcquisitionSettings(Form):
     target: Annotated[float, Field(gt=0, le=1)] = 0.8
     read_attempts: Count = 3  # of a question that changes nothing
     unstable: Annotated[float, Field(gt=0)] = 0.2  # relative scatter within a burst: the source, not noise
+    darkest: Annotated[float, Field(gt=0, le=1)] = 0.05  # of full scale, before a scan, at the lowest gain
     noise_floor: Annotated[float, Field(ge=0)] = 0.01  # of full scale: with less light scatter says nothing
 
 

@@ -427,3 +427,16 @@ def test_a_resumed_run_measures_the_reference_anew_where_it_is_too_old(
     assert (end.outcome, end.done) == ("finished", 3)
     assert len(again.journal().references) == readings
     assert again.bench.log.count("mount reference") == readings // 8
+
+
+def test_the_preflight_is_in_the_journal_and_a_bright_dark_level_moves_nothing(tmp_path: Path) -> None:
+    s = stage(tmp_path)
+    s.bench.detector.offset = 3.0
+    end = s.run()
+    assert end.outcome == "faulted"
+    assert "dark level: 3 V at the lowest gain" in end.reason
+    (found,) = [record for record in s.journal().others if record["kind"] == "preflight"]
+    assert {check["name"]: check["passed"] for check in found["checks"]} == dict.fromkeys(
+        ("shutter", "illumination_zenith", "sensor_azimuth", "sensor_zenith", "source", "disk", "reference"), True
+    ) | {"dark level": False}
+    assert s.bench.log == []
