@@ -66,6 +66,7 @@ def hemispherical_pattern(
     wavelength: float = 500.0,
     cells: Cells | None = None,
     standard_error: float = 0.01,
+    samples: int | None = None,
     seed: int = 1,
 ) -> xr.Dataset:
     """Reflectance factors of every cell of the hemisphere under ideal light.
@@ -76,6 +77,8 @@ def hemispherical_pattern(
         Degree; the light comes from azimuth 0.
     standard_error
         Relative Monte Carlo error of each cell.
+    samples
+        Sight lines of each cell, whatever the error.
 
     Returns
     -------
@@ -88,7 +91,9 @@ def hemispherical_pattern(
     light, zenith, azimuth = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
     columns = (np.full(len(light), wavelength), light, np.zeros(len(light)), zenith, azimuth)
     points = xr.Dataset(coords={name: ("point", values) for name, values in zip(COORDINATES, columns, strict=True)})
-    predicted = Twin(ideal(facility), artifact, material).predict(points, standard_error=standard_error, seed=seed)
+    predicted = Twin(ideal(facility), artifact, material).predict(
+        points, standard_error=None if samples else standard_error, samples=samples, seed=seed
+    )
     dims = ("illumination_zenith", "zenith", "azimuth")
     shape = tuple(len(axis) for axis in axes)
     brf = predicted["brf"].values.reshape(shape)
