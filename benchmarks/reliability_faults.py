@@ -29,8 +29,8 @@ version = 1
 title = "fault trial"
 [[grid]]
 wavelength = [500.0]
-illumination_zenith = [15.0]
-sensor_azimuth = [0.0, 90.0]
+illumination_zenith = [15.0, 30.0]
+sensor_azimuth = [60.0, 90.0]
 sensor_zenith = [40.0, 20.0]
 """
 AXES = ("illumination_zenith", "sensor_azimuth", "sensor_zenith")
@@ -47,7 +47,7 @@ class Fault:
     outcomes
         How the scan may end.
     lost
-        How many of the four points it may cost at most.
+        How many of the eight points it may cost at most.
     after
         What puts the laboratory right when the scan rests; where nothing does, it is started anew afterwards.
     """
@@ -76,21 +76,21 @@ def faults() -> list[Fault]:
         ]
     for axis in AXES:
         made += [
-            Fault("stall half-way", axis, ("stall", {"axis": axis}), lost=1),
-            Fault("alarm of the drive", axis, ("alarm", {"axis": axis}), ("faulted",), lost=3, renew=True),
+            Fault("stall half-way", axis, ("stall", {"axis": axis}), lost=1, renew=True),
+            Fault("alarm of the drive", axis, ("alarm", {"axis": axis}), ("faulted",), lost=7, renew=True),
             Fault(
                 "limit switch",
                 axis,
                 ("limit_switch", {"axis": axis, "direction": 1}),
                 ("faulted", "finished"),
-                3,
+                7,
                 renew=True,
             ),
         ]
     made += [
         Fault("interlock opened, then closed", "source", ("open_interlock", {}), after=("close_interlock", {})),
         Fault("telegrams answered with busy", "source", ("busy", {"count": 3})),
-        Fault("blade sticks shut", "shutter", ("stick_shutter", {}), ("faulted", "finished"), 3, renew=True),
+        Fault("blade sticks shut", "shutter", ("stick_shutter", {}), ("faulted", "finished"), 7, renew=True),
     ]
     return made
 
@@ -143,6 +143,8 @@ def _trial(run: Path, plan: Path, laboratory: SimulatedLaboratory, fault: Fault)
         wall = time.monotonic() - began
         state = control("state")
     sent = sum(control("motion_commands").values()) - commands
+    if end.outcome != "finished":
+        seen.told.append(end.reason)
     _judge(seen, fault, end.outcome, end.total - end.done, sent, state)
     journal = read_journal(run)
     ended = next(record for record in reversed(journal.others) if record["kind"] == "ended")
@@ -172,8 +174,8 @@ def _judge(seen: Seen, fault: Fault, outcome: str, lost: int, sent: int, state: 
     moving = [name for name, axis in state["axes"].items() if axis["moving"]]
     if state["emission"] or state["shutter_open"] or moving:
         seen.wrong.append(f"no safe end: emission {state['emission']}, shutter {state['shutter_open']}, {moving}")
-    if outcome == "faulted" and not seen.told:
-        seen.wrong.append("nobody was told why")
+    if outcome == "faulted" and not any(fault.device in told for told in seen.told):
+        seen.wrong.append("no message names the device")
 
 
 def _watch(session: ScanSession, control: Callable[..., Any], fault: Fault, seen: Seen) -> None:

@@ -69,7 +69,7 @@ def _faults(result: dict[str, Any]) -> str:
     lines = [
         "## Faults of devices",
         "",
-        "Four points on the simulated laboratory, its devices in a process of their own, reached by the drivers over",
+        "Eight points on the simulated laboratory, its devices in a process of their own, reached by the drivers over",
         "pseudo-terminals and TCP. The fault strikes when the second point begins. At every point the record is",
         "compared with where the arms truly stand; motion commands are counted where the devices receive them, against",
         "those the scan intended; at the end emission, shutter and arms are looked at.",

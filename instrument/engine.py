@@ -260,6 +260,7 @@ class ScanEngine:
         brf, u_brf = self._evaluator.brf(geometry, record)
         self._report.record("point", index=index, geometry=geometry, **record)
         progress.done(index)
+        self._begun.discard(index)
         if burst.quality_flag & ~REPEATED:
             self._report.tell("warning", f"point {index + 1}: the detector is saturated at its lowest gain: flagged")
         self._report.publish(
