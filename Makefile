@@ -4,7 +4,7 @@
 # make judges  programs of others on our simulators, our drivers on theirs; writes docs/judges.md
 # make reliability   scans that are killed, cut, starved and disturbed; writes docs/reliability.md
 # All make the environment first, from requirements.lock.
-.PHONY: setup demo test test-fast check bench judges lock clean
+.PHONY: setup demo test test-fast check bench judges reliability lock clean
 BIN := .venv/bin
 WORKERS ?= 2
 

@@ -1,0 +1,70 @@
+"""A reduced number of the trials that ``make reliability`` runs in full (``docs/reliability.md``)."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from reliability_bench import measured, problems_of, small_scan  # noqa: E402
+from reliability_crash import cut_trial, disk_trial, kill_trial  # noqa: E402
+from reliability_faults import fault_trial, faults  # noqa: E402
+from reliability_report import write_report  # noqa: E402
+from reliability_soak import soak_trial  # noqa: E402
+
+#: The children only scan and leave by ``os._exit``; a thread of the test runner is no part of that.
+pytestmark = pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+
+
+def test_killed_scans_are_resumed_to_what_they_would_have_been(tmp_path: Path) -> None:
+    found = kill_trial(tmp_path, 5)
+    assert found["wrong"] == []
+    assert found["kills"] >= 3
+
+
+def test_a_journal_cut_in_its_last_two_lines_is_gone_on_with(tmp_path: Path) -> None:
+    found = cut_trial(tmp_path, every=131)
+    assert found["wrong"] == []
+    assert found["trials"] > 5
+
+
+def test_a_disk_that_is_full_anywhere_costs_no_point(tmp_path: Path) -> None:
+    found = disk_trial(tmp_path, 4)
+    assert found["wrong"] == []
+    assert found["disk_was_full"] >= 1
+
+
+def test_the_trials_would_notice_a_point_that_is_missing_or_differs(tmp_path: Path) -> None:
+    small_scan(tmp_path).run(600.0)
+    expected = measured(tmp_path)
+    assert problems_of(tmp_path, expected) == []
+    changed = expected | {0: {**expected[0], "dark": 1.0}, 99: expected[1]}
+    assert problems_of(tmp_path, changed) == ["point 99 is missing", "point 0 differs"]
+
+
+def test_the_engine_costs_little_a_point_and_keeps_no_readings(tmp_path: Path) -> None:
+    found = soak_trial(tmp_path, 200, stops=4)
+    assert (found["outcome"], found["done"], found["readable"], found["wrong"]) == ("finished", 200, 200, [])
+    assert found["cpu_ms_per_point"] < 20.0  # 5 on a quiet machine; a shared one counts some of its own trouble
+    assert found["journal_bytes_per_point"] < 2000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["stall half-way", "one reply garbled", "interlock opened, then closed"])
+def test_a_fault_of_a_device_ends_as_it_should(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GONIOTWIN_LOCK_DIR", str(tmp_path / "locks"))
+    chosen = next(fault for fault in faults() if fault.name == name)
+    (row,) = fault_trial(tmp_path, [chosen], lambda _: None)
+    assert row["wrong"] == []
+    assert row["on_the_wire"] <= row["intended"]
+
+
+def test_the_page_says_what_the_results_say(tmp_path: Path) -> None:
+    results = json.loads((ROOT / "benchmarks" / "reliability.json").read_text())
+    write_report(results, tmp_path / "page.md")
+    assert (tmp_path / "page.md").read_text() == (ROOT / "docs" / "reliability.md").read_text()
