@@ -1,9 +1,9 @@
 """How the errors of a run's readings may be correlated, when nobody says so.
 
-A budget names a standard deviation for the stability of the instrument, not its correlation. Whether it is a new draw at
-each point, one for a slice, or a slow wander decides what counts as a gap: with the wrong choice almost every sound
-run is declared faulty. So every plausible structure is kept, and the conclusions are averaged over them, weighted by how
-well each explains the run.
+A budget names a standard deviation for the stability of the instrument, not its correlation. Whether it is a new draw
+at each point, one for a slice, or a slow wander decides what counts as a gap: with the wrong choice almost every sound
+run is declared faulty. So every plausible structure is kept, and the conclusions are averaged over them, weighted by
+how well each explains the run.
 """
 
 from __future__ import annotations

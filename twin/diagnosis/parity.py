@@ -192,7 +192,8 @@ def equal_pairs(run: Observation, *, symmetry: Symmetry = "fourfold") -> IntArra
     for number, change in enumerate(_symmetries(symmetry)):
         moved = place.copy()
         moved[:, :3] = view @ change.T
-        distance, partner = tree.query(moved, distance_upper_bound=np.deg2rad(_SAME))
+        distance, nearest = tree.query(moved, distance_upper_bound=np.deg2rad(_SAME))
+        partner = np.asarray(nearest, dtype=np.int64)
         for point in np.flatnonzero(np.isfinite(distance)):
             if number == 0 or normal[point]:
                 _join(root, found, int(point), int(partner[point]))

@@ -59,7 +59,8 @@ class Place:
     def of(cls, run: Observation) -> Place:
         """Of a run's points."""
         names = ("sensor_zenith", "sensor_azimuth", "illumination_zenith", "illumination_azimuth")
-        return cls(*(np.deg2rad(run.columns[name]) for name in names), run.progress)
+        zenith, azimuth, light_zenith, light_azimuth = (np.deg2rad(run.columns[name]) for name in names)
+        return cls(zenith, azimuth, light_zenith, light_azimuth, run.progress)
 
 
 Pattern = Callable[[Place], FloatArray]

@@ -25,15 +25,11 @@ from instrument.optics import Layout
 from twin.diagnosis.direct_light import (
     NODES,
     PiercedPlate,
-    _brdf,
-    _profile,
-    _ramp,
-    _sight,
-    _target_normal,
     floor_light,
     mirror_points,
     sunflower,
 )
+from twin.diagnosis.direct_light_kernels import irradiance, ramp, sight_line, table_value, target_normal
 from twin.material import Material
 
 #: Spacing of the maps and how far they reach beyond the beam, mm.
@@ -116,14 +112,14 @@ def _map_top(top, whole, xs, ys, light, beam, radius, decay, centre, hole, chamf
     for i in prange(len(xs)):
         for j in range(len(ys)):
             x, y = xs[i], ys[j]
-            shine = _profile(x, y, 0.0, beam, light, radius, decay, step)
+            shine = irradiance(x, y, 0.0, beam, light, radius, decay, step)
             open_share, wall = 0.0, 0.0
             for h in range(len(hole)):
                 a, b = x - centre[h, 0], y - centre[h, 1]
                 wide = hole[h] + chamfer[h]
                 if abs(a) < wide + step and abs(b) < wide + step:
                     rho = np.sqrt(a * a + b * b)
-                    open_share = _ramp((wide - rho) / step)
+                    open_share = ramp((wide - rho) / step)
                     wall = max(0.0, -(a * light[0] + b * light[1]) / (rho + 1e-9))
                     break
             whole[i, j] = 1 - open_share
@@ -139,27 +135,27 @@ def _sum_all(
     for point in prange(len(result)):
         sensor = (
             target[point], along[point], across[point], view[point], mirror_along[point], mirror_across[point],
-            inverse[point], _target_normal(along[point], across[point], view[point]),
+            inverse[point], target_normal(along[point], across[point], view[point]),
         )  # fmt: skip
-        result[point] = np.pi * _sum_one(
+        result[point] = np.pi * sum_one(
             sensor, light, beam, radius, decay, centre, hole, chamfer, thickness, depth, cos_o, phis, cos_i,
             brdf[table[point]], reflectance[table[point]], top, floor, xs, ys, corner, step, tail, disc, mirror, turn,
         )  # fmt: skip
 
 
 @njit(cache=True, fastmath=True)
-def _sum_one(
+def sum_one(
     sensor, light, beam, radius, decay, centre, hole, chamfer, thickness, depth, cos_o, phis, cos_i, brdf, reflectance,
     top, floor, xs, ys, corner, step, tail, disc, mirror, turn,
 ):  # fmt: skip
     source = (light[0], light[1], light[2])
     view = sensor[3]
-    flat = _brdf(cos_o, phis, cos_i, brdf, (0.0, 0.0, 1.0), (view[0], view[1], view[2]), source)
+    flat = table_value(cos_o, phis, cos_i, brdf, (0.0, 0.0, 1.0), (view[0], view[1], view[2]), source)
     total = 0.0
     for i in range(len(xs)):
         for j in range(len(ys)):
             if top[i, j] != 0:
-                weight = _sight(xs[i], ys[j], mirror[turn[(i * 7 + j * 3) % len(turn)]], sensor, step)[0]
+                weight = sight_line(xs[i], ys[j], mirror[turn[(i * 7 + j * 3) % len(turn)]], sensor, step)[0]
                 total += weight * step * step * flat * top[i, j]
     for h in range(len(hole)):
         wide = hole[h] + chamfer[h]
@@ -168,7 +164,7 @@ def _sum_one(
         area = np.pi * wide * wide / len(disc)
         for k in range(len(disc)):
             x0, y0 = wide * disc[k, 0], wide * disc[k, 1]
-            weight, d0, d1, d2 = _sight(centre[h, 0] + x0, centre[h, 1] + y0, mirror[turn[k]], sensor, 0.15)
+            weight, d0, d1, d2 = sight_line(centre[h, 0] + x0, centre[h, 1] + y0, mirror[turn[k]], sensor, 0.15)
             if weight <= 0:
                 continue
             weight *= area
@@ -176,7 +172,7 @@ def _sum_one(
             xt, yt = x0 - s0 * thickness, y0 - s1 * thickness
             slope = np.sqrt(s0 * s0 + s1 * s1)
             blur = min(0.15, 0.5 * thickness * slope) + 1e-6
-            open_share = _ramp((hole[h] - np.sqrt(xt * xt + yt * yt)) / blur)
+            open_share = ramp((hole[h] - np.sqrt(xt * xt + yt * yt)) / blur)
             if open_share > 0:
                 fx = (centre[h, 0] + x0 - s0 * depth - corner[0]) / step - 0.5
                 fy = (centre[h, 1] + y0 - s1 * depth - corner[1]) / step - 0.5
@@ -195,10 +191,10 @@ def _sum_one(
                 share = np.interp(z, tail[0], tail[1])
                 if share > 1e-6:
                     px, py = centre[h, 0] + qx, centre[h, 1] + qy
-                    shine = _profile(px, py, 0.0, beam, light, radius, decay, step)
+                    shine = irradiance(px, py, 0.0, beam, light, radius, decay, step)
                     own = max(0.0, -(qx * light[0] + qy * light[1]) / hole[h])
                     gained = share * shine * light[2] * reflectance
                     n = (-qx / hole[h], -qy / hole[h], 0.0)
-                    lost = share * shine * own * _brdf(cos_o, phis, cos_i, brdf, n, (d0, d1, d2), source)
+                    lost = share * shine * own * table_value(cos_o, phis, cos_i, brdf, n, (d0, d1, d2), source)
                     total += weight * (1 - open_share) * (gained - lost)
     return total

@@ -11,7 +11,6 @@ from instrument.angles import FloatArray
 from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect
 
-
 #: Curvatures below it are told from zero by no reading.
 _STRAIGHT = 1e-6
 
