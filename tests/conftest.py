@@ -17,7 +17,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 _CACHE = tempfile.TemporaryDirectory(prefix="goniotwin-tests-")
 os.environ["XDG_CACHE_HOME"] = _CACHE.name
 
-# A change is judged by examples that repeat; elsewhere every run looks for new ones. A busy machine is no fault of either.
+# A change is judged by examples that repeat; elsewhere every run looks for new ones.
+# A busy machine is no fault of either.
 settings.register_profile("ci", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("here", deadline=None)
 settings.load_profile("ci" if os.environ.get("CI") else "here")

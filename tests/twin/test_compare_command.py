@@ -138,7 +138,8 @@ def test_measured_files_of_another_program(call, case, lowest, highest, tmp_path
     common = CASES / "common"
     result = call(
         CASES / "dev" / f"{case}.nc", "--artifact", common / "artifact.toml", "--material", common / "material.nc",
-        "--facility", common / "facility.toml", "--standard-error", "0.003", "--no-uncertainty", "--json", tmp_path / "c.json",
+        "--facility", common / "facility.toml", "--standard-error", "0.003", "--no-uncertainty",
+        "--json", tmp_path / "c.json",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert lowest <= json.loads((tmp_path / "c.json").read_text())["global"]["rms_t"] <= highest
