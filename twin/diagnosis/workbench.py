@@ -106,6 +106,8 @@ class Workbench:
         parts: list[Any] = [VERSION, self.samples, self.seed]
         parts += [known.facility.beam.model_dump_json(), known.facility.sensor.model_dump_json()]
         parts.append(known.artifact.form.model_dump_json(exclude={"holes", "mesh"}))
+        if known.facility.beam.picture is not None:
+            parts.append(known.facility.beam.picture.digest)
         digest = hashlib.sha256("\n".join(map(str, parts)).encode())
         for array in (known.artifact.holes.x, known.artifact.holes.y, known.artifact.holes.diameter):
             digest.update(np.ascontiguousarray(array, dtype=float).tobytes() + b"|")
