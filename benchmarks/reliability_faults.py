@@ -6,6 +6,7 @@ the motion commands that the devices saw, and whether the end was safe.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -159,7 +160,8 @@ def _trial(run: Path, plan: Path, laboratory: SimulatedLaboratory, fault: Fault)
         "intended": seen.intended,
         "on_the_wire": sent,
         "wall_s": round(wall, 1),
-        "told": seen.told[0] if seen.told else end.reason,
+        "told": (seen.told[0] if seen.told else "").replace(f"{inputs.devices.parent}{os.sep}", ""),
+        "of": len(faults()),
         "wrong": seen.wrong,
     }
 

@@ -74,7 +74,10 @@ def _faults(result: dict[str, Any]) -> str:
         "compared with where the arms truly stand; motion commands are counted where the devices receive them, against",
         "those the scan intended; at the end emission, shutter and arms are looked at.",
         "",
-        f"{len(rows)} faults, {wrong} with anything wrong ({result['date']}; {result['machine']}).",
+        (
+            f"{len(rows)} faults of the {rows[0]['of']} in the list, {wrong} with anything wrong ({result['date']};"
+            f" {result['machine']})."
+        ),
         "",
         "| device | fault | end | points lost | rests | moves on the wire / intended | what the person is told first |",
         "|---|---|---|---|---|---|---|",
