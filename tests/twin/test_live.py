@@ -163,7 +163,8 @@ def test_predictions_follow_the_scan(scan_of, fake_files):
 
 
 def test_a_worker_killed_in_mid_scan_costs_nothing_but_time(scan_of, fake_files):
-    fake_files.order(delay_s=0.1)
+    # Slow enough that work is left when the second blow falls, however late this thread is.
+    fake_files.order(delay_s=0.4)
     scan = scan_of()
     scan.start()
     for index, kill in enumerate((True, False, False, True, False, False)):
