@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any, Literal
 
 import numpy as np
@@ -79,7 +80,7 @@ class Score:
     probability
         Of the first named effect, 0 without one.
     overlap
-        Intersection over union of found and true region; NaN where there is none.
+        Intersection over union of found and true region; None where there is neither.
     shrink
         On held-out slices.
     """
@@ -93,7 +94,7 @@ class Score:
     among_three: bool
     confident: bool
     probability: float
-    overlap: float
+    overlap: float | None
     shrink: float
 
 
@@ -103,12 +104,10 @@ def score(name: str, truth: Truth, found: Mapping[str, Any]) -> Score:
     classes = [set(entry["class"]) for entry in named]
     listed = [set(entry["class"]) for entry in found["ranking"][:3]]
     first = verdict == "effects" and bool(classes) and bool(classes[0] & set(truth.effects)) and not truth.outside
-    right = {
-        "none": verdict == "none",
-        "single": first,
-        "double": verdict == "effects" and _matched(truth.effects, classes),
-        "outside": verdict == "unknown",
-    }[truth.kind]
+    if truth.kind == "double":
+        right = verdict == "effects" and _matched(truth.effects, classes)
+    else:
+        right = {"none": verdict == "none", "single": first, "outside": verdict == "unknown"}[truth.kind]
     probability = float(named[0]["probability"]) if named else 0.0
     located = {point for region in found["where"] for point in region["points"]}
     return Score(
@@ -128,17 +127,13 @@ def score(name: str, truth: Truth, found: Mapping[str, Any]) -> Score:
 
 def _matched(effects: Sequence[str], classes: Sequence[set[str]]) -> bool:
     """Whether each effect has a class of its own."""
-    if len(classes) < len(effects):
-        return False
-    first, second = effects
-    return any(
-        first in one and second in other for k, one in enumerate(classes) for j, other in enumerate(classes) if j != k
-    )
+    ways = permutations(classes, len(effects))
+    return any(all(effect in members for effect, members in zip(effects, way, strict=True)) for way in ways)
 
 
-def _overlap(found: set[int], true: set[int]) -> float:
+def _overlap(found: set[int], true: set[int]) -> float | None:
     union = found | true
-    return len(found & true) / len(union) if union else float("nan")
+    return len(found & true) / len(union) if union else None
 
 
 def interval(successes: int, trials: int) -> tuple[float, float]:

@@ -70,6 +70,7 @@ def _diagnose(
 ) -> dict[str, dict[str, Any]]:
     """Diagnoses by the name of the run; those that are there already are kept."""
     import json as codec
+    import os
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
@@ -83,9 +84,11 @@ def _diagnose(
     out.mkdir(parents=True, exist_ok=True)
     todo = [file for file in files if not (out / f"{file.stem}.json").exists()]
     if todo:
-        # The first alone: it renders what all others use.
-        diagnose_file(todo[0], common, out, cache)
+        # One thread a process: linear algebra on all cores in several processes makes each many times slower.
+        os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            # The first alone: it renders what all others use.
+            pool.submit(diagnose_file, todo[0], common, out, cache).result()
             rest = [pool.submit(diagnose_file, file, common, out, cache) for file in todo[1:]]
             for job in track(rest, "diagnosing", console=Console(stderr=True)):
                 job.result()
@@ -153,9 +156,11 @@ def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], json: Pa
 
 
 def _cases_table(scores: Sequence[Score]) -> Any:
-    from rich.table import Table
+    from rich.table import Column, Table
 
-    table = Table("case", "true", "severity", "found", "probability", "region", "shrink", "right", title="Cases")
+    names = {name: Column(name, overflow="fold") for name in ("true", "found")}
+    columns = ("case", names["true"], "severity", names["found"], "probability", "region", "shrink", "right")
+    table = Table(*columns, title="Cases")
     for s in scores:
         true = ("outside: " if s.truth.outside else "") + (" + ".join(s.truth.effects) or "none")
         table.add_row(
@@ -164,7 +169,7 @@ def _cases_table(scores: Sequence[Score]) -> Any:
             f"{s.truth.severity:.2f}",
             " + ".join(s.named) or s.verdict,
             f"{s.probability:.2f}" if s.named else "",
-            f"{s.overlap:.2f}",
+            "" if s.overlap is None else f"{s.overlap:.2f}",
             f"{s.shrink:.2f}",
             "yes" if s.right else "NO",
         )
