@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, PositiveFloat, model_validator
 
-from drivers.errors import CommandRefused
+from drivers.errors import CommandRefused, CommunicationError
 from drivers.forms import Form
 from drivers.interfaces import AxisLimits
 
@@ -90,3 +92,18 @@ class ArmScale:
                 f"target {target:g} is outside the travel of {self._form.lower:g} to {self._form.upper:g} degree",
                 "nothing was sent",
             )
+
+
+def stop_surely(stop: Callable[[], None]) -> None:
+    """Stop an axis; tried three times before the failure is reported.
+
+    Raises
+    ------
+    CommunicationError
+        If the third try fails too.
+    """
+    for _ in range(2):
+        with contextlib.suppress(CommunicationError):
+            stop()
+            return
+    stop()

@@ -8,7 +8,6 @@ A move is sent once: where its fate is not clear the axis is stopped, looked at,
 
 from __future__ import annotations
 
-import contextlib
 import re
 import time
 import weakref
@@ -17,7 +16,7 @@ from typing import Annotated
 
 from pydantic import Field, PositiveFloat
 
-from drivers.arm import ArmForm, ArmScale
+from drivers.arm import ArmForm, ArmScale, stop_surely
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, CommunicationError, DeviceError, DeviceFault
 from drivers.esp301_codes import ALL_AXES, error_words
@@ -243,11 +242,7 @@ class NewportEsp301:
 
     def make_safe(self) -> None:
         """Stop; tried three times before the failure is reported."""
-        for _ in range(2):
-            with contextlib.suppress(CommunicationError):
-                self.stop()
-                return
-        self.stop()
+        stop_surely(self.stop)
 
     def clear_fault(self) -> None:
         """Forget the faults and switch the motor on again; a lost zero needs ``home``."""

@@ -7,12 +7,11 @@ A move is sent once: where its fate is not clear the axis is stopped, looked at,
 
 from __future__ import annotations
 
-import contextlib
 from typing import Annotated
 
 from pydantic import Field, PositiveFloat
 
-from drivers.arm import ArmForm, ArmScale
+from drivers.arm import ArmForm, ArmScale, stop_surely
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, CommunicationError, DeviceError, DeviceFault
 from drivers.interfaces import AxisStatus
@@ -145,11 +144,7 @@ class NewportSmc100:
 
     def make_safe(self) -> None:
         """Stop; tried three times before the failure is reported."""
-        for _ in range(2):
-            with contextlib.suppress(CommunicationError):
-                self.stop()
-                return
-        self.stop()
+        stop_surely(self.stop)
 
     def clear_fault(self) -> None:
         """Switch the motor current on again (``MM1``) after a fault of the drive; a lost zero needs ``home``."""

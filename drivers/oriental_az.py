@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PositiveFloat
 
-from drivers.arm import ArmForm, ArmScale
+from drivers.arm import ArmForm, ArmScale, stop_surely
 from drivers.az_codes import (
     ALARM_A,
     COORDINATES_SET,
@@ -172,11 +172,7 @@ class OrientalAz:
 
     def make_safe(self) -> None:
         """Stop; tried three times before the failure is reported."""
-        for _ in range(2):
-            with contextlib.suppress(CommunicationError):
-                self.stop()
-                return
-        self.stop()
+        stop_surely(self.stop)
 
     def clear_fault(self) -> None:
         """Reset an alarm whose cause is gone; some need the drive's power to be switched."""
