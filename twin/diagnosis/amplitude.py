@@ -22,8 +22,6 @@ LOWEST, HIGHEST = 0.5, 6.0
 _FALL = 4.0
 #: Radii along a direction, and directions of two or more parameters.
 _RADII, _DIRECTIONS = 36, 24
-#: Values of a parameter of shape, evenly from cap to cap.
-_SHAPES = 6
 _LIMITS = (0.15, 12.0)
 #: Typical amplitudes that no effect exceeds.
 _FARTHEST = 60.0
@@ -69,6 +67,16 @@ class Signature(Protocol):
     @property
     def parameters(self) -> Sequence[Parameter]:
         """What it depends on."""
+        ...
+
+    @property
+    def catalogued(self) -> bool:
+        """Whether it may be named; another is told as a suspicion."""
+        ...
+
+    @property
+    def shapes(self) -> int:
+        """Values of every parameter of shape from which fits start."""
         ...
 
     def log_ratio(self, values: FloatArray) -> FloatArray:
@@ -170,7 +178,7 @@ class AmplitudePrior:
 
     def _shapes(self) -> FloatArray:
         """Nominal values with the parameters of shape at evenly spread ones, shape (shape, p)."""
-        count = getattr(getattr(self.signature, "effect", None), "shapes", _SHAPES)
+        count = self.signature.shapes
         share = (np.arange(count) + 0.5) / count
         axes = [
             np.array([self.nominal[k]]) if self.sized[k] else self.low[k] + share * (self.high[k] - self.low[k])
@@ -218,9 +226,14 @@ class AtRows:
         return self.of.parameters
 
     @property
-    def effect(self) -> object:
-        """Of the response; None where the signature has none."""
-        return getattr(self.of, "effect", None)
+    def catalogued(self) -> bool:
+        """Of the effect."""
+        return self.of.catalogued
+
+    @property
+    def shapes(self) -> int:
+        """Of the effect."""
+        return self.of.shapes
 
     def log_ratio(self, values: FloatArray) -> FloatArray:
         """As of the effect, shape (value, row)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from instrument.angles import FloatArray
 from twin.diagnosis.consistency import Consistency, judge
 from twin.diagnosis.fit import Fit
 from twin.diagnosis.gap import Gap, measure_gap
+from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.posterior import Posterior
 from twin.diagnosis.preparation import Prepared
 from twin.diagnosis.verdict import Decision, decide
@@ -73,9 +74,9 @@ def _fit_of(posterior: Posterior, names: tuple[str, ...]) -> Fit:
     return fit
 
 
-def _weights(members, fit: Fit) -> FloatArray:  # type: ignore[no-untyped-def]
+def _weights(members: Sequence[Normal], fit: Fit) -> FloatArray:
     """Posterior weights of the structures under an explanation, shape (structure,)."""
-    return np.exp(fit.by_structure + np.array([m.log_weight for m in members]) - fit.log_evidence)
+    return np.asarray(np.exp(fit.by_structure + np.array([m.log_weight for m in members]) - fit.log_evidence))
 
 
 def _located(prepared: Prepared, decision: Decision, leading: Fit, weights: FloatArray) -> FloatArray:

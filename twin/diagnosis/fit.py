@@ -53,7 +53,7 @@ class Component:
     @property
     def catalogued(self) -> bool:
         """Whether the effect may be named; another stands for an unknown cause."""
-        return bool(getattr(getattr(self.signature, "effect", None), "catalogued", True))
+        return self.signature.catalogued
 
     def row(self, value: FloatArray) -> FloatArray:
         """Logarithmic ratio at one value, shape (point,)."""

@@ -61,6 +61,16 @@ class JointResponse:
         return str(self.parts[0].name)
 
     @property
+    def catalogued(self) -> bool:
+        """Of the effect."""
+        return bool(self.parts[0].catalogued)
+
+    @property
+    def shapes(self) -> int:
+        """Of the effect."""
+        return int(self.parts[0].shapes)
+
+    @property
     def parameters(self) -> tuple[Any, ...]:
         """Shared ones, or those of every run, named after it."""
         if not self.own:

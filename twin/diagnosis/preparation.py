@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 from instrument.angles import FloatArray, direction
 from instrument.artifact import read_artifact
@@ -175,7 +177,7 @@ def low_rank(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(factor), np.maximum(rest, 0.0)
 
 
-def _at(array: FloatArray, rows: np.ndarray) -> FloatArray:
+def _at(array: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
     if array.ndim == 2:
         return np.asarray(array[np.ix_(rows, rows)])
     return np.asarray(array[rows]) if array.size else array
@@ -200,9 +202,7 @@ def _save(file: Path, arrays: Sequence[FloatArray]) -> None:
     os.replace(name, file)
 
 
-def _dataset(run: Observation):  # type: ignore[no-untyped-def]
-    import xarray as xr
-
+def _dataset(run: Observation) -> xr.Dataset:
     return xr.Dataset(coords={name: ("point", column) for name, column in run.columns.items()})
 
 

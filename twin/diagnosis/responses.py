@@ -48,6 +48,16 @@ class Response(Protocol):
         """Its parameters, with budgets and caps for these inputs."""
         ...
 
+    @property
+    def catalogued(self) -> bool:
+        """Whether the data contract names the effect."""
+        ...
+
+    @property
+    def shapes(self) -> int:
+        """Values of every parameter of shape from which fits start."""
+        ...
+
     def log_ratio(self, values: FloatArray) -> FloatArray:
         """Logarithm of the reading with the effect over that without, shape (n, point); values (n, parameter)."""
         ...
@@ -66,6 +76,16 @@ class _Common:
     def name(self) -> str:
         """Of the effect."""
         return self.effect.name
+
+    @property
+    def catalogued(self) -> bool:
+        """Of the effect."""
+        return self.effect.catalogued
+
+    @property
+    def shapes(self) -> int:
+        """Of the effect."""
+        return self.effect.shapes
 
     @property
     def nominal(self) -> FloatArray:

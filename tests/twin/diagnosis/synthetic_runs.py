@@ -84,6 +84,8 @@ class Formula:
     name: str
     parameters: tuple[Parameter, ...]
     function: Callable[[np.ndarray], np.ndarray] = field(repr=False)
+    catalogued: bool = True
+    shapes: int = 6
 
     def log_ratio(self, values: np.ndarray) -> np.ndarray:
         return self.function(np.atleast_2d(values))
