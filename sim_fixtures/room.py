@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sim_fixtures.bench import Bench
+from sim_fixtures.devices.faults import Faults, changed_digit
 from sim_fixtures.devices.keysight_34465a import Multimeter
 from sim_fixtures.devices.modbus_io import IoModule
 from sim_fixtures.devices.modbus_line import ModbusLine
-from sim_fixtures.devices.newport_chain import Smc100Chain
+from sim_fixtures.devices.newport_chain import Smc100Chain, of_next_controller
 from sim_fixtures.devices.newport_esp301 import Esp301
-from sim_fixtures.devices.nkt_interbus import Interbus
+from sim_fixtures.devices.nkt_interbus import Interbus, of_next_module
 from sim_fixtures.devices.oriental_az import AzDrive
 from sim_fixtures.devices.scpi_socket import ScpiServer
-from sim_fixtures.devices.wire import Faults, SerialLine
+from sim_fixtures.devices.wire import SerialLine
 
 #: Address of each arm on its line.
 SMC100_ADDRESSES = {1: "sensor_azimuth", 2: "sensor_zenith"}
@@ -24,6 +26,19 @@ AZ_ADDRESS, IO_ADDRESS = 1, 1
 #: The same arms once more, behind a controller of their own: a room uses either this line or the two others.
 ESP301_AXES = {1: "sensor_azimuth", 2: "sensor_zenith", 3: "illumination_zenith"}
 _SERIAL = ("sensor-arms", "illumination-arm", "laser", "io", "esp301")
+
+#: Actions on a wire, and what they are called there.
+WIRE_FAULTS = {
+    "lose_requests": "lose",
+    "mislead_requests": "mislead",
+    "refuse_requests": "refuse",
+    "drop_replies": "drop",
+    "late_reply": "late",
+    "corrupt_reply": "corrupt",
+    "split_reply": "split",
+    "merge_replies": "merge",
+    "stray_reply": "stray",
+}
 
 #: Line of every role, so that a fault may be asked for by either name.
 LINE_OF_ROLE = {
@@ -66,6 +81,12 @@ class Room:
         self._lines["sensor-arms"].serve(self._chain)
         self._lines["esp301"].serve(self._esp301)
         self._lines["laser"].serve(self._bus)
+        for name, changes in (
+            ("sensor-arms", {"mislead": changed_digit, "stray": of_next_controller}),
+            ("esp301", {"mislead": changed_digit}),
+            ("laser", {"stray": of_next_module}),
+        ):
+            self._lines[name].faults.change.update(changes)
         self._modbus = [
             ModbusLine(self._lines["illumination-arm"], [self._drive.slave]),
             ModbusLine(self._lines["io"], [self._io.slave]),
@@ -79,35 +100,43 @@ class Room:
             "stall": self._stall,
             "alarm": self._alarm,
             "limit_switch": self._limit_switch,
-            "lose_requests": lambda device, count=1: self._faults(device).set("lose", count),
-            "drop_replies": lambda device, count=1: self._faults(device).set("drop", count),
-            "late_reply": lambda device, count=1, delay=1.0: self._faults(device).set("late", count, delay),
-            "corrupt_reply": lambda device, count=1: self._faults(device).set("corrupt", count),
+            **{action: partial(self._wire, kind) for action, kind in WIRE_FAULTS.items()},
+            "faults_left": lambda device, kind: self._faults(device).left(kind),
             "busy": self._busy,
             "disconnect": self._disconnect,
             "open_interlock": self._open_interlock,
             "close_interlock": self._close_interlock,
             "stick_shutter": self._stick_shutter,
+            "trouble": self._trouble,
+            "apertures": self._apertures,
         }
 
     def control(self, action: str, **arguments: Any) -> Any:
         """Do what a person, or bad luck, does to the room.
 
         ============================================ ===============================================================
-        ``mount`` what                               put the reference or the sample on the stage
+        ``mount`` what                               put the reference, the sample or another piece on the stage
         ``state``                                    the whole state of the bench
         ``motion_commands``                          motion commands (homing too) seen on the wire, by axis
         ``stall`` axis, count                        the next motions stop half-way and the drive does not notice
         ``alarm`` axis                               following error (SMC100, ESP301), overload alarm (AZ)
         ``limit_switch`` axis, direction             -1 or 1 closes a limit switch, 0 releases it
-        ``lose_requests`` device, count              requests that never arrive
+        ``lose_requests`` device, count, only        requests (that contain ``only``) that never arrive
+        ``mislead_requests`` device, count, only     requests that arrive with another digit (text)
+        ``refuse_requests`` device, count, only      requests that are answered by an exception (Modbus)
         ``drop_replies`` device, count               replies that never arrive
         ``late_reply`` device, count, delay          replies that arrive ``delay`` wall-clock seconds late
         ``corrupt_reply`` device, count              replies with a garbled byte
+        ``split_reply`` device, count, delay         replies in two pieces
+        ``merge_replies`` device, count              replies that come together with the next one
+        ``stray_reply`` device, count                replies that are, by their address, another unit's
+        ``faults_left`` device, kind                 how many are still to suffer
         ``busy`` count                               telegrams that the laser answers with "busy"
         ``disconnect`` device, seconds               the plug is pulled; back after so many wall-clock seconds
         ``open_interlock``, ``close_interlock``      the door of the laser
         ``stick_shutter`` stuck                      the blade stays shut
+        ``trouble`` name, value                      see :class:`sim_fixtures.bench.troubles.Troubles`
+        ``apertures`` a, b                           which of the two apertures in the beam are open
         ============================================ ===============================================================
 
         A device is a role (``sensor_zenith``) or a line (``sensor-arms``): the fault lies on the wire.
@@ -143,6 +172,9 @@ class Room:
     def _faults(self, device: str) -> Faults:
         line = self._line(device)
         return self._meter.faults if line == "meter" else self._lines[line].faults
+
+    def _wire(self, kind: str, device: str, count: int = 1, delay: float | None = None, only: str = "") -> None:
+        self._faults(device).set(kind, count, delay, only.encode("latin-1"))
 
     def _axis(self, name: str) -> str:
         if name not in self.bench.axes:
@@ -193,3 +225,11 @@ class Room:
     def _stick_shutter(self, stuck: bool = True) -> None:
         with self.bench.lock:
             self.bench.shutter.stuck = stuck
+
+    def _trouble(self, name: str, value: float) -> None:
+        with self.bench.lock:
+            self.bench.troubles.set(name, value)
+
+    def _apertures(self, a: bool, b: bool) -> None:
+        with self.bench.lock:
+            self.bench.apertures = {"a": bool(a), "b": bool(b)}

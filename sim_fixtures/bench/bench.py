@@ -11,8 +11,10 @@ from instrument.facility import Facility
 from sim_fixtures.bench.axis import AxisDesign, AxisModel
 from sim_fixtures.bench.clock import Time
 from sim_fixtures.bench.detector import Amplifier, Electronics, Noise, output_voltage
-from sim_fixtures.bench.flux import FluxAhead, FluxFunction, Geometry, Mounted
+from sim_fixtures.bench.flux import FluxAhead, FluxFunction, Geometry
 from sim_fixtures.bench.light import Selector, Shutter, Source
+from sim_fixtures.bench.pieces import PIECES, factor, flux_geometry
+from sim_fixtures.bench.troubles import Troubles
 
 AXES = ("illumination_zenith", "sensor_zenith", "sensor_azimuth")
 
@@ -24,11 +26,17 @@ _MARGIN = 5.0
 
 
 class Snapshot(NamedTuple):
-    """What decides a reading at one moment; ``light`` is relative to nominal power, 0 in the dark."""
+    """What decides a reading at one moment.
+
+    ``light`` is relative to nominal power, 0 in the dark; ``further`` is that of the filter's other channels, with
+    their wavelengths; ``leak`` what is at the output without any.
+    """
 
     geometry: Geometry
     light: float
     gain: float
+    further: tuple[tuple[float, float], ...] = ()
+    leak: float = 0.0
 
 
 class Bench:
@@ -58,9 +66,11 @@ class Bench:
         self.electronics = electronics or Electronics()
         self.lock = threading.RLock()
         self.axes = {name: AxisModel(name, _design(name, facility), clock) for name in AXES}
-        self.source, self.selector, self.shutter = Source(), Selector(), Shutter(clock)
+        self.source, self.selector, self.shutter = Source(now=clock.now), Selector(), Shutter(clock)
         self.amplifier = Amplifier(clock, self.electronics.settling)
-        self.mounted: Mounted = "reference"
+        self.mounted: str = "reference"
+        self.troubles = Troubles()
+        self.apertures = {"a": True, "b": True}
         self.motion_commands: Counter[str] = Counter()
         self.readings = 0
         self._noise = Noise(seed, facility.budget.measurement_noise, self.electronics)
@@ -72,16 +82,17 @@ class Bench:
         """End the background computation."""
         self._flux.close()
 
-    def mount(self, what: Mounted) -> None:
-        """Put the reference or the sample on the stage.
+    def mount(self, what: str) -> None:
+        """Put the reference, the sample or another of :data:`~sim_fixtures.bench.pieces.PIECES` on the stage.
 
         Raises
         ------
         ValueError
-            If it is neither.
+            If there is no such piece.
         """
-        if what not in ("reference", "sample"):
-            raise ValueError(f"mount: found {what!r}; expected 'reference' or 'sample'")
+        if what not in PIECES:
+            further = ", ".join(repr(piece) for piece in PIECES[2:])
+            raise ValueError(f"mount: found {what!r}; expected 'reference' or 'sample' (or {further})")
         with self.lock:
             self.mounted = what
             self._expect()
@@ -116,9 +127,19 @@ class Bench:
         """The state that decides a reading now."""
         with self.lock:
             geometry = self._geometry(lambda axis: axis.true_position()).rounded()
-            on = self.source.emitting() and self.shutter.is_open()
-            light = self.source.power / self.electronics.nominal_power * self.selector.transmission() if on else 0.0
-            return Snapshot(geometry, light, self.amplifier.effective_gain())
+            leak = self.troubles.leak(self.source.emitting())
+            gain = self.troubles.gain(self.amplifier.effective_gain())
+            if not (self.source.emitting() and self.shutter.is_open()):
+                return Snapshot(geometry, 0.0, gain, leak=leak)
+            power = self.source.power / self.electronics.nominal_power * self._brightness()
+            power *= sum(self.apertures.values()) / len(self.apertures)
+            light, *others = (power * self.selector.transmission(channel) for channel in range(8))
+            further = tuple(
+                (wavelength, value)
+                for wavelength, value in zip(self.selector.wavelengths[1:], others, strict=True)
+                if value > 0
+            )
+            return Snapshot(geometry, light, gain, further, leak)
 
     def overload(self) -> bool:
         """The amplifier's overload line."""
@@ -153,13 +174,17 @@ class Bench:
                 "transmission": self.selector.transmission(),
                 "shutter_open": self.shutter.is_open(),
                 "gain": self.amplifier.gain,
+                "apertures": dict(self.apertures),
                 "readings": self.readings,
                 "motion_commands": dict(self.motion_commands),
             }
 
+    def _brightness(self) -> float:
+        return self.troubles.brightness(max(self.clock.now() - self.source.switched_on, 0.0))
+
     def _expect(self) -> None:
         """Have the flux computed at the geometry that all arms are bound for."""
-        self._flux.expect(self._geometry(lambda axis: axis.target()))
+        self._flux.expect(flux_geometry(self.troubles.true(self._geometry(lambda axis: axis.target()))))
 
     def _geometry(self, angle: Callable[[AxisModel], float]) -> Geometry:
         illumination_zenith, sensor_zenith, sensor_azimuth = (angle(self.axes[name]) for name in AXES)
@@ -167,9 +192,13 @@ class Bench:
         return Geometry(self.mounted, illumination_zenith, sensor_zenith, sensor_azimuth, wavelength)
 
     def _current(self, moment: Snapshot) -> float:
-        if moment.light == 0.0:
-            return 0.0
-        return self.electronics.current * moment.light * self._flux.value(moment.geometry)
+        beams = ((moment.geometry.wavelength, moment.light), *moment.further)
+        return sum(self._of_beam(moment.geometry._replace(wavelength=nm), light) for nm, light in beams if light > 0)
+
+    def _of_beam(self, shown: Geometry, light: float) -> float:
+        geometry = self.troubles.true(shown)
+        flux = self._flux.value(flux_geometry(geometry)) * factor(geometry, self.facility, self.troubles)
+        return self.electronics.current * light * flux
 
     def _voltage(self, moment: Snapshot) -> float:
         current = self._current(moment)
@@ -177,7 +206,9 @@ class Bench:
             self.readings += 1
             relative, additive = self._noise.draw((*moment.geometry, moment.light > 0))
         current *= 1 + self._noise.relative(moment.geometry.mounted, moment.geometry.sensor_zenith) * relative
-        return output_voltage(current, moment.gain, self.electronics, self.electronics.readout_noise * additive)
+        linear = self.troubles.response(current * moment.gain) / moment.gain
+        readout = self.electronics.readout_noise * additive + moment.leak
+        return output_voltage(linear, moment.gain, self.electronics, readout)
 
 
 def _design(name: str, facility: Facility) -> AxisDesign:

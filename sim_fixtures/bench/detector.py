@@ -29,7 +29,7 @@ class Electronics:
     offset, readout_noise
         Volts at the amplifier's output without light, and their scatter from reading to reading.
     reference_noise
-        Relative scatter of a reading of the reference standard.
+        Relative scatter of a reading of the reference standard and of other pieces than the sample.
     saturation
         Volts at which the amplifier's output clips and its overload line rises.
     settling
@@ -101,7 +101,7 @@ class Noise:
 
         The mean of nine follows the budget: a + (b - a)(|sensor zenith|/80)^2 (data contract, Facility).
         """
-        if mounted == "reference":
+        if mounted != "sample":
             return self._electronics.reference_noise
         of_mean = self._best + (self._worst - self._best) * (abs(sensor_zenith) / 80.0) ** 2
         return math.sqrt(READINGS_OF_A_POINT) * of_mean

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from concurrent.futures import Future
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 Mounted = Literal["reference", "sample"]
 
@@ -17,7 +17,7 @@ Mounted = Literal["reference", "sample"]
 class Geometry(NamedTuple):
     """What the flux depends on: angles in degree, wavelength in nm."""
 
-    mounted: Mounted
+    mounted: str
     illumination_zenith: float
     sensor_zenith: float
     sensor_azimuth: float
@@ -33,7 +33,7 @@ class FluxFunction(Protocol):
 
     def __call__(
         self,
-        mounted: Mounted,
+        mounted: Any,
         illumination_zenith: float,
         sensor_zenith: float,
         sensor_azimuth: float,

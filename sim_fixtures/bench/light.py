@@ -16,10 +16,13 @@ class Source:
     """A supercontinuum laser.
 
     The watchdog runs in wall-clock seconds, as every time-out of a wire does: it guards the connection, and a
-    program that feeds it must not have to be faster because the bench is.
+    program that feeds it must not have to be faster because the bench is. ``now`` is laboratory time, and
+    ``switched_on`` the time at which the emission began.
     """
 
     wall: Callable[[], float] = time.monotonic
+    now: Callable[[], float] = time.monotonic
+    switched_on: float = 0.0
     power: float = 0.0
     interlock: int = INTERLOCK_WAITING
     interlock_cause: int = 0
@@ -44,6 +47,8 @@ class Source:
         """Switch the emission; False when the interlock forbids it."""
         if on and self.interlock != INTERLOCK_CLOSED:
             return False
+        if on and not self._emission:
+            self.switched_on = self.now()
         self._emission = on
         return True
 
@@ -64,7 +69,7 @@ class Source:
 
 @dataclass
 class Selector:
-    """An acousto-optic filter with eight channels; channel 0 is the one whose light reaches the sample.
+    """An acousto-optic filter with eight channels, whose light joins in one beam; channel 0 is the usual one.
 
     Wavelengths in nm, amplitudes as fractions.
     """
@@ -73,9 +78,9 @@ class Selector:
     amplitudes: list[float] = field(default_factory=lambda: [0.0] * 8)
     rf_on: bool = False
 
-    def transmission(self) -> float:
-        """Fraction of the selected light that passes."""
-        return self.amplitudes[0] if self.rf_on else 0.0
+    def transmission(self, channel: int = 0) -> float:
+        """Fraction of the light at a channel's wavelength that passes."""
+        return self.amplitudes[channel] if self.rf_on else 0.0
 
 
 class Shutter:

@@ -16,7 +16,8 @@ from pymodbus.framer import FramerType
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import SimDevice
 
-from sim_fixtures.devices.wire import SerialLine, deliver
+from sim_fixtures.devices.faults import deliver
+from sim_fixtures.devices.wire import SerialLine
 
 _BROADCAST = 0
 
@@ -36,6 +37,8 @@ class ModbusLine:
 
     def __init__(self, line: SerialLine, slaves: list[SimDevice], baudrate: int = 115200) -> None:
         self._line, self._slaves, self._baudrate = line, slaves, baudrate
+        self._units = {slave.id for slave in slaves}
+        line.faults.change.update(refuse=_busy, stray=_of_next_unit)
         self._inner, far = os.openpty()
         tty.setraw(far)
         self._port = os.ttyname(far)
@@ -61,12 +64,16 @@ class ModbusLine:
 
     def _request(self, data: bytes) -> None:
         # The master waits for each answer, so what arrives together is one frame.
-        if not self._line.faults.request_lost():
-            os.write(self._inner, data)
+        faults = self._line.faults
+        if data[0] in {*self._units, _BROADCAST} and not faults.request_lost(data):
+            if refusal := faults.refusal(data):
+                deliver(refusal, faults, self._line.write)
+            else:
+                os.write(self._inner, data)
 
     def _reply(self) -> None:
         reply = os.read(self._inner, 512)
-        if reply and reply[0] in {slave.id for slave in self._slaves}:
+        if reply and reply[0] in self._units:
             deliver(reply, self._line.faults, self._line.write)
 
     def _run(self) -> None:
@@ -98,3 +105,22 @@ class ModbusLine:
         self._loop.remove_reader(self._inner)
         if self._server is not None:
             await self._server.shutdown()
+
+
+def _busy(request: bytes) -> bytes:
+    """The exception "server device busy" (06h) to a request."""
+    return _framed(bytes([request[0], request[1] | 0x80, 6]))
+
+
+def _of_next_unit(reply: bytes) -> bytes:
+    return _framed(bytes([reply[0] + 1]) + reply[1:-2])
+
+
+def _framed(body: bytes) -> bytes:
+    """With its CRC-16 (polynomial A001h, start FFFFh, low byte first)."""
+    crc = 0xFFFF
+    for byte in body:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ (0xA001 if crc & 1 else 0)
+    return body + crc.to_bytes(2, "little")

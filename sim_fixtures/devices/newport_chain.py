@@ -22,7 +22,7 @@ class Smc100Chain:
 
     def __init__(self, bench: Bench, axes: dict[int, str]) -> None:
         self._bench, self._buffer = bench, b""
-        self.request_lost: Callable[[], bool] = lambda: False
+        self.request_lost: Callable[[bytes], bool] = lambda _: False
         self.controllers: dict[int, Controller] = {}
         for address, name in axes.items():
             lower, upper = getattr(bench.facility.arms, name)
@@ -42,7 +42,7 @@ class Smc100Chain:
 
     def _line(self, line: str) -> str | None:
         command = parse(line)
-        if command is None or self.request_lost():
+        if command is None or self.request_lost(line.encode("latin-1")):
             return None
         with self._bench.lock:
             if command.address is None:
@@ -57,3 +57,9 @@ class Smc100Chain:
                 controller.stop()
             elif command.name == "SE":
                 controller.start_armed()
+
+
+def of_next_controller(answer: bytes) -> bytes:
+    """An answer under the address after its own."""
+    digits = len(answer) - len(answer.lstrip(b"0123456789"))
+    return str(int(answer[:digits]) + 1).encode("ascii") + answer[digits:]

@@ -112,7 +112,7 @@ class Esp301:
 
     def __init__(self, bench: Bench, axes: dict[int, str]) -> None:
         self._bench, self._buffer = bench, b""
-        self.request_lost: Callable[[], bool] = lambda: False
+        self.request_lost: Callable[[bytes], bool] = lambda _: False
         self._errors: deque[int] = deque(maxlen=_QUEUE)
         self.axes = {
             number: EspAxis(bench.axes[name], getattr(bench.facility.arms, name)) for number, name in axes.items()
@@ -136,7 +136,7 @@ class Esp301:
                 self._errors.append(100 * number + FOLLOWING_ERROR)
 
     def _line(self, line: str) -> list[bytes]:
-        if not line or self.request_lost():
+        if not line or self.request_lost(line.encode("latin-1")):
             return []
         if len(line) > _LONGEST_LINE:
             self._errors.append(OUT_OF_RANGE)

@@ -43,6 +43,12 @@ def unescape(body: bytes) -> bytes:
     return bytes(result)
 
 
+def of_next_module(telegram: bytes) -> bytes:
+    """A telegram as if the module after its sender had sent it."""
+    destination, source, kind, register, *data = unescape(telegram[1:-1])[:-2]
+    return encode(destination, source + 1, kind, register, bytes(data))
+
+
 @dataclass
 class Register:
     """A register: ``get`` gives its bytes; ``put`` takes bytes and says whether it accepts them."""
@@ -101,7 +107,7 @@ class Interbus:
         self._bench = bench
         self._buffer = bytearray()
         self._open = False
-        self.request_lost: Callable[[], bool] = lambda: False
+        self.request_lost: Callable[[bytes], bool] = lambda _: False
         self.busy = 0
         self.modules = {source: superk(bench), select: select_filter(bench), driver: rf_driver(bench)}
 
@@ -124,7 +130,7 @@ class Interbus:
             return []
         destination, source, kind, register = body[:4]
         module = self.modules.get(destination)
-        if module is None or self.request_lost():
+        if module is None or self.request_lost(body):
             return []
         if binascii.crc_hqx(body[:-2], 0) != int.from_bytes(body[-2:], "big"):
             return [encode(source, destination, CRC_ERROR, register)]

@@ -8,7 +8,7 @@ import threading
 import time
 from typing import Protocol
 
-from sim_fixtures.devices.wire import Faults, deliver
+from sim_fixtures.devices.faults import Faults, deliver
 
 
 class Interpreter(Protocol):
@@ -78,7 +78,7 @@ class ScpiServer:
             while data := client.recv(4096):
                 *lines, buffer = (buffer + data).split(b"\n")
                 for line in lines:
-                    if self.faults.request_lost():
+                    if self.faults.request_lost(line):
                         continue
                     with self._turn:
                         answer = self._meter.execute(line.decode("latin-1").strip())

@@ -1,4 +1,4 @@
-"""Wires: pseudo-terminals that stand for serial lines, and the faults that real lines have."""
+"""Wires: pseudo-terminals that stand for serial lines."""
 
 from __future__ import annotations
 
@@ -12,67 +12,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
+from sim_fixtures.devices.faults import Faults, deliver
+
 #: Wall-clock seconds between looks at a line that nobody has opened.
 _IDLE = 0.01
-
-
-class Faults:
-    """What goes wrong on a line: counts of requests still to be lost, of replies still to be lost, late or garbled."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self.lose = self.drop = self.late = self.corrupt = 0
-        self.delay = 1.0
-
-    def set(self, kind: str, count: int, delay: float | None = None) -> None:
-        """Let the next ``count`` requests suffer ``lose``, or the next replies ``drop``, ``late`` or ``corrupt``."""
-        if kind not in ("lose", "drop", "late", "corrupt"):
-            raise ValueError(f"fault: found {kind!r}; expected lose, drop, late or corrupt")
-        with self._lock:
-            setattr(self, kind, int(count))
-            if delay is not None:
-                self.delay = float(delay)
-
-    def request_lost(self) -> bool:
-        """Whether the request that is just arriving never does."""
-        with self._lock:
-            lost = self.lose > 0
-            self.lose -= lost
-            return lost
-
-    def apply(self, reply: bytes) -> tuple[bytes, float]:
-        """The reply as it arrives (empty when lost) and after how many wall-clock seconds."""
-        with self._lock:
-            if self.drop > 0:
-                self.drop -= 1
-                return b"", 0.0
-            if self.corrupt > 0:
-                self.corrupt -= 1
-                middle = len(reply) // 2
-                return reply[:middle] + bytes([reply[middle] ^ 0x15]) + reply[middle + 1 :], 0.0
-            if self.late > 0:
-                self.late -= 1
-                return reply, self.delay
-        return reply, 0.0
-
-
-def deliver(reply: bytes, faults: Faults, send: Callable[[bytes], None]) -> None:
-    """Send a reply through the faults of its line."""
-    if not reply:
-        return
-    reply, delay = faults.apply(reply)
-    if delay > 0:
-        timer = threading.Timer(delay, send, (reply,))
-        timer.daemon = True
-        timer.start()
-    elif reply:
-        send(reply)
 
 
 class Handler(Protocol):
     """A device at the end of a line; it asks ``request_lost`` about every request that it has recognised."""
 
-    request_lost: Callable[[], bool]
+    request_lost: Callable[[bytes], bool]
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take what arrived, in pieces of any size; return the replies that are due."""
@@ -107,7 +56,7 @@ class SerialLine:
         """Answer with a device in a thread of its own."""
 
         def receive(data: bytes) -> None:
-            for reply in handler.feed(data):
+            for reply in handler.feed(self.faults.misled(data)):
                 deliver(reply, self.faults, self.write)
 
         handler.request_lost = self.faults.request_lost
