@@ -48,15 +48,41 @@ def right(result: dict[str, Any]) -> bool:
 
 
 def _chosen(options: argparse.Namespace, folder: Path) -> dict[str, Callable[[], dict[str, Any]]]:
-    say = print if options.verbose else (lambda _: None)
     known: dict[str, Callable[[], dict[str, Any]]] = {
         "kill": lambda: kill_trial(folder, options.trials),
         "cut": lambda: cut_trial(folder, options.every),
         "disk": lambda: disk_trial(folder, max(options.trials // 5, 1)),
-        "faults": lambda: {"wrong": [], "rows": fault_trial(folder / "faults", faults(), say)},
+        "faults": lambda: _faults(options, folder / "faults"),
         "soak": lambda: soak_trial(_made(folder / "soak"), options.points),
     }
     return {name: known[name] for name in TRIALS if name in (options.trial or TRIALS)}
+
+
+def _faults(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Run the list, or what is missing of it; every result is kept at once."""
+    results: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    kept = {_key(row): row for row in results.get("faults", {}).get("rows", ())} if options.missing else {}
+    listed = [fault for fault in faults() if not options.only or options.only in f"{fault.device}: {fault.name}"]
+    chosen = [fault for fault in listed if (fault.device, fault.family, fault.name) not in kept]
+
+    def keep(row: dict[str, Any]) -> None:
+        kept[_key(row)] = row
+        if options.verbose:
+            print(row, flush=True)
+        results.setdefault("faults", {"wrong": []})["rows"] = _in_order(kept)
+        RESULTS.write_text(json.dumps(results, indent=1) + "\n")
+
+    fault_trial(folder, chosen, keep)
+    return {"wrong": [], "of": len(faults()), "rows": _in_order(kept)}
+
+
+def _in_order(kept: dict[tuple[str, ...], dict[str, Any]]) -> list[dict[str, Any]]:
+    keys = [(fault.device, fault.family, fault.name) for fault in faults()]
+    return [kept[key] for key in keys if key in kept]
+
+
+def _key(row: dict[str, Any]) -> tuple[str, ...]:
+    return row["device"], row.get("family", ""), row["fault"]
 
 
 def _made(folder: Path) -> Path:
@@ -84,6 +110,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--every", type=int, default=1, help="bytes between the cuts of the journal")
     parser.add_argument("--points", type=int, default=100_000, help="of the long scan")
     parser.add_argument("--folder", type=Path, default=None, help="where the runs go meanwhile")
+    parser.add_argument("--missing", action="store_true", help="faults: only those that have no result yet")
+    parser.add_argument("--only", default="", help="faults: only those whose 'device: name' contains this")
     parser.add_argument("--verbose", action="store_true", help="print every fault's outcome")
     return parser
 

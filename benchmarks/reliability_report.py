@@ -74,19 +74,18 @@ def _faults(result: dict[str, Any]) -> str:
         "compared with where the arms truly stand; motion commands are counted where the devices receive them, against",
         "those the scan intended; at the end emission, shutter and arms are looked at.",
         "",
-        (
-            f"{len(rows)} faults of the {rows[0]['of']} in the list, {wrong} with anything wrong ({result['date']};"
-            f" {result['machine']})."
-        ),
+        f"{len(rows)} faults of the {result.get('of', len(rows))} in the list, {wrong} with anything wrong",
+        f"({result['date']}; {result['machine']}).",
         "",
-        "| device | fault | end | points lost | rests | moves on the wire / intended | what the person is told first |",
-        "|---|---|---|---|---|---|---|",
+        "| device | family | fault | end | points lost | rests | moves on the wire / intended | told first |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         verdict = f" **wrong: {'; '.join(row['wrong'])}**" if row["wrong"] else ""
         told = str(row.get("told", "")).replace("|", "/")
         lines.append(
-            f"| {row['device']} | {row['fault']} | {row['outcome']}{verdict} | {row.get('lost', '')} |"
+            f"| {row['device']} | {row.get('family', '')} | {row['fault']} | {row['outcome']}{verdict} |"
+            f" {row.get('lost', '')} |"
             f" {row.get('suspended', '')} | {row.get('on_the_wire', '')} / {row.get('intended', '')} | {told} |"
         )
     return "\n".join(lines) + "\n"

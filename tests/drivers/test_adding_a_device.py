@@ -15,7 +15,8 @@ from drivers.check import check_devices
 from drivers.configuration import connect, parse_devices, read_devices
 from drivers.errors import CommunicationError, ConfigurationError, DeviceFault
 from drivers.interfaces import Shutter
-from sim_fixtures.devices.wire import Faults, SerialLine
+from sim_fixtures.devices.faults import Faults
+from sim_fixtures.devices.wire import SerialLine
 from sim_fixtures.laboratory import SimulatedLaboratory
 
 PAGE = (Path(__file__).parents[2] / "docs" / "adding_a_device.md").read_text(encoding="utf-8")
@@ -30,10 +31,10 @@ class ShutterServer:
 
     def __init__(self) -> None:
         self.opened = self.stuck = False
-        self.request_lost = lambda: False
+        self.request_lost = lambda _: False
 
     def feed(self, data: bytes) -> list[bytes]:
-        return [self._answer(command) for command in data.split(b"\n") if command and not self.request_lost()]
+        return [self._answer(command) for command in data.split(b"\n") if command and not self.request_lost(command)]
 
     def _answer(self, command: bytes) -> bytes:
         if command in (b"O", b"C") and not self.stuck:
