@@ -24,7 +24,6 @@ from instrument.facility import Facility, read_facility
 from instrument.files import write_atomically
 from instrument.forms import Form, read_form
 from instrument.lambertian import lambertian_flux
-from twin.artifact import build_mesh
 from twin.diagnosis.acquisition import Acquisition, travel_direction
 from twin.diagnosis.effects import Effect, Known, ReadingEffect, SceneEffect, ZenithEffect, effect
 from twin.diagnosis.variation import Variation, together
@@ -184,13 +183,10 @@ class CorrectedTwin(Twin):
         variation, dimensions = applied.variation, artifact
         for change in variation.artifact:
             dimensions = change.dimensions(dimensions)
-        mesh = build_mesh(dimensions)
-        for change in variation.artifact:
-            mesh = change.mesh(mesh)
         for altered in variation.material:
             material = altered.apply(material)
         factor = dict(variation.surface_factor) or None
-        super().__init__(facility, dimensions, material, seed=seed, surface_factor=factor, mesh=mesh)
+        super().__init__(facility, dimensions, material, seed=seed, surface_factor=factor)
         self.applied = applied
 
     def estimate(

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from instrument.artifact import ArtifactDimensions
-from twin.artifact import SurfaceMesh
-from twin.diagnosis.chamfer import chamfered
 from twin.diagnosis.variation import ArtifactChange, MaterialChange
 from twin.material import Material
 from twin.material_changes import with_retroreflection, with_specular_lobe
@@ -44,19 +42,12 @@ class CavityDepth(ArtifactChange):
 
 @dataclass(frozen=True)
 class EdgeChamfer(ArtifactChange):
-    """A chamfer of 45 degrees at the upper edge of every hole, width in mm."""
+    """The chamfer at the upper edge of every hole wider by so many mm."""
 
-    width_mm: float
+    delta_mm: float
 
     def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
-        return artifact
-
-    def mesh(self, mesh: SurfaceMesh) -> SurfaceMesh:
-        return chamfered(mesh, self.width_mm)
-
-    @property
-    def chamfer_mm(self) -> float:
-        return self.width_mm
+        return artifact.changed(edge_chamfer=self.delta_mm)
 
 
 @dataclass(frozen=True)

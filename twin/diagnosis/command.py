@@ -149,18 +149,18 @@ def _diagnose(runs: list[Path], inputs: Inputs, cache: Path | None, same_mountin
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+    from twin.content import cache_folder
     from twin.diagnosis.diagnose import diagnose
     from twin.diagnosis.joint import prepare_jointly
     from twin.diagnosis.observation import read_observation
     from twin.diagnosis.plausible import check_plausible, flat_reflectance
     from twin.diagnosis.preparation import Bench
-    from twin.diagnosis.renders import default_cache
 
     observations = [read_observation(run) for run in runs]
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
-        bench = Bench(inputs, cache or default_cache())
+        bench = Bench(inputs, cache or cache_folder())
 
         def told(what: str, share: float) -> None:
             bar.update(task, description=what, completed=0.6 * share)

@@ -57,7 +57,7 @@ class PiercedPlate:
     nearest: NDArray[np.int64]
 
 
-def pierced_plate(artifact: ArtifactDimensions, chamfer_mm: float = 0.0) -> PiercedPlate | None:
+def pierced_plate(artifact: ArtifactDimensions) -> PiercedPlate | None:
     """The plate of these dimensions, without holes for a flat sample; None for a mesh or a floor that is not level."""
     form, holes = artifact.form, artifact.holes
     if artifact.mesh is not None or any(form.floor_slope):
@@ -72,7 +72,7 @@ def pierced_plate(artifact: ArtifactDimensions, chamfer_mm: float = 0.0) -> Pier
     return PiercedPlate(
         centre,
         np.asarray(holes.diameter, dtype=float) / 2,
-        artifact.chamfers + chamfer_mm,
+        artifact.chamfers,
         form.plate_thickness,
         form.cavity_depth,
         half,

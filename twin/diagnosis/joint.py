@@ -107,8 +107,7 @@ def prepare_jointly(
 
         parts.append(bench.prepare(run, step))
     together = joined([part.problem.run for part in parts])
-    covariance = bench._kept("inputs", together, bench._input_covariance)[0]
-    factor, rest = low_rank(covariance)
+    factor, rest = low_rank(bench.input_covariance(together))
     shared = np.concatenate([factor, model_error(together)], axis=1)
     return join(parts, shared, rest, same_mounting=same_mounting)
 

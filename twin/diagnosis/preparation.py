@@ -6,30 +6,29 @@ same plan needs no ray.
 
 from __future__ import annotations
 
-import hashlib
-import os
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from instrument.angles import FloatArray, direction
 from instrument.artifact import read_artifact
 from instrument.facility import read_facility
 from twin.diagnosis.acquisition import acquisition_of
 from twin.diagnosis.covariance import over_directions
+from twin.diagnosis.effects import Effect
 from twin.diagnosis.nuisance import budget_columns
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.problem import Problem
 from twin.diagnosis.renders import RenderStore
 from twin.diagnosis.responses import Responses, responses
+from twin.diagnosis.store import PointStore
 from twin.diagnosis.workbench import Workbench
+from twin.input_uncertainty import find_input_uncertainty
 from twin.material import read_material
-from twin.optics import COORDINATES
+from twin.prediction import Twin
 from twin.state_vector import StateVector, coupon_of, state_vector
 
 #: Relative Monte Carlo error of the nominal prediction.
@@ -40,8 +39,13 @@ _COMPONENTS = 40
 MODEL_ERROR, MODEL_LENGTH = 0.002, 20.0
 #: The same at exact retro-reflection (what held-out readings there show), and the angle at which it has fallen to 1/e.
 RETRO_ERROR, RETRO_LENGTH = 0.01, 8.0
-#: Raised whenever the same inputs would give other numbers.
-VERSION = 1
+#: Raised whenever the same inputs would give other nominal predictions.
+VERSION = 2
+#: Relative standard error of the inputs' part of the uncertainty.
+_TOLERANCE = 0.2
+_PREDICTED = ("brf", "u_brf_monte_carlo")
+#: Sources of errors of the sample that no effect's response stands for.
+_UNPLACED = ("hole dimensions", "edge chamfer", "block tilt")
 Told = Callable[[str, float], None]
 
 
@@ -71,30 +75,39 @@ class Bench:
     inputs
         Files of the nominal twin.
     cache
-        Folder in which renderings are kept; None keeps none.
+        Folder in which renderings are kept.
     """
 
-    def __init__(self, inputs: Inputs, cache: Path | None) -> None:
+    def __init__(self, inputs: Inputs, cache: Path) -> None:
         self.inputs, self.cache = inputs, cache
         self.facility = read_facility(inputs.facility)
         self.artifact = read_artifact(inputs.artifact)
         self.material = read_material(inputs.material)
         self.workbench = Workbench(self.facility, self.artifact, self.material)
         self.store = RenderStore(self.workbench, cache)
+        self._predictions = PointStore(cache / "nominal", _PREDICTED)
 
-    def prepare(self, run: Observation, told: Told | None = None) -> Prepared:
-        """Predict a run, and find out what effects and budget do to it."""
+    def prepare(
+        self, run: Observation, told: Told | None = None, *, effects: Iterable[Effect] | None = None
+    ) -> Prepared:
+        """Predict a run, and find out what effects and budget do to it.
+
+        Parameters
+        ----------
+        effects
+            By default the whole library.
+        """
         tell = told or (lambda what, share: None)
         tell("nominal prediction", 0.0)
-        nominal, u_nominal = self._kept("nominal", run, self._predict)
-        tell("what the inputs' uncertainties do", 0.1)
-        covariance, _ = self._kept("inputs", run, self._input_covariance)
+        nominal, u_nominal = self.nominal(run)
+        covariance = self.input_covariance(run, lambda what, share: tell(what, 0.1 + 0.3 * share))
         tell("what every effect does", 0.4)
 
         def step(done: int, total: int) -> None:
             tell(f"what every effect does: {done} of {total} scenes", 0.4 + 0.6 * done / max(total, 1))
 
-        found = responses(acquisition_of(run, self.facility), nominal, self.store, progress=step)
+        acquisition = acquisition_of(run, self.facility)
+        found = responses(acquisition, nominal, self.store, effects=effects, progress=step)
         columns = budget_columns(found.found, run)
         factor, rest = low_rank(covariance)
         budget = np.concatenate([np.stack(list(columns.values()), axis=1), factor, model_error(run)], axis=1)
@@ -102,57 +115,38 @@ class Bench:
         problem = Problem.of(run, nominal, u_own, budget, list(found.found.values()))
         return Prepared(problem, found, columns)
 
-    def _predict(self, run: Observation) -> tuple[FloatArray, FloatArray]:
-        from twin.prediction import Twin
+    def nominal(self, run: Observation) -> tuple[FloatArray, FloatArray]:
+        """Predicted reflectance factors and their relative standard error by the ray tracer, shape (point,) each."""
 
-        twin = Twin(self.facility, self.artifact, self.material)
-        prediction = twin.predict(_dataset(run), standard_error=STANDARD_ERROR)
-        brf = np.asarray(prediction["brf"].values, dtype=float)
-        return brf, np.asarray(prediction["u_brf_monte_carlo"].values / brf, dtype=float)
+        def predict(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
+            twin = Twin(self.facility, self.artifact, self.material)
+            found = twin.predict(_dataset(columns), standard_error=STANDARD_ERROR)
+            return {name: np.asarray(found[name].values, dtype=float) for name in _PREDICTED}
 
-    def _input_covariance(self, run: Observation) -> tuple[FloatArray, FloatArray]:
+        content = f"{VERSION} {STANDARD_ERROR} {self.workbench.digest()}"
+        brf, u_brf = self._predictions.get(content, run.columns, predict).values()
+        return brf, u_brf / brf
+
+    def input_covariance(self, run: Observation, told: Told | None = None) -> FloatArray:
         """Relative covariance of the prediction from the errors of coupon and holes, shape (point, point)."""
-        from twin.propagation import by_sensitivities
-        from twin.propagation_render import PlanRenderer
-
         state = unplaced(state_vector(self.facility, self.artifact, self.material, coupon_of(self.inputs.material)))
-        count = len(run)
         if not state.blocks:
-            return np.zeros((count, count)), np.zeros(0)
-        found = by_sensitivities(PlanRenderer(state, run.columns, seed=3), tolerance=0.2)
-        return np.asarray(found.covariance() / np.outer(found.brf, found.brf)), np.zeros(0)
+            return np.zeros((len(run), len(run)))
+        tell = told or (lambda what, share: None)
 
-    def _kept(
-        self, what: str, run: Observation, make: Callable[[Observation], tuple[FloatArray, FloatArray]]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Two arrays that depend on configuration and geometries; computed for each geometry once."""
-        if self.cache is None:
-            return make(run)
-        table = np.round(np.stack([run.columns[name] for name in COORDINATES], axis=1), 6) + 0.0
-        unique, inverse = np.unique(table, axis=0, return_inverse=True)
-        digest = hashlib.sha256(f"{VERSION} {what} {self.workbench.digest()} {self._coupon()}".encode())
-        digest.update(unique.tobytes())
-        file = self.cache / f"{what}-{digest.hexdigest()[:32]}.npz"
-        arrays = _load(file)
-        if arrays is None:
-            _, first = np.unique(table, axis=0, return_index=True)
-            arrays = make(run.take(first))
-            _save(file, arrays)
-        rows = np.ravel(inverse)
-        return _at(arrays[0], rows), _at(arrays[1], rows)
+        def step(what: str, done: int, total: int) -> None:
+            tell(f"what the inputs' uncertainties do: {what}", done / max(total, 1))
 
-    def _coupon(self) -> str:
-        return hashlib.sha256(self.inputs.material.read_bytes()).hexdigest() + self.facility.model_dump_json()
+        found = find_input_uncertainty(
+            state, _dataset(run.columns), folder=self.cache, tolerance=_TOLERANCE, progress=step
+        ).result
+        return np.asarray(found.covariance() / np.outer(found.brf, found.brf))
 
 
 def unplaced(state: StateVector) -> StateVector:
-    """The state vector without placement and instrument, whose effects have responses of their own."""
-    kept = tuple(block for block in state.blocks if block.source == "hole dimensions" or _of_material(block.name))
-    return replace(state, blocks=kept)
-
-
-def _of_material(name: str) -> bool:
-    return name.startswith("material")
+    """The state vector without what has a response of its own: placement, instrument, and dimensions of all holes."""
+    kept = (block for block in state.blocks if block.source in _UNPLACED or block.name.startswith("material"))
+    return replace(state, blocks=tuple(kept))
 
 
 def model_error(run: Observation) -> FloatArray:
@@ -177,33 +171,8 @@ def low_rank(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(factor), np.maximum(rest, 0.0)
 
 
-def _at(array: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
-    if array.ndim == 2:
-        return np.asarray(array[np.ix_(rows, rows)])
-    return np.asarray(array[rows]) if array.size else array
-
-
-def _load(file: Path) -> tuple[FloatArray, FloatArray] | None:
-    """What was kept; None where nothing was, or where the file cannot be read."""
-    import zipfile
-
-    try:
-        with np.load(file) as found:
-            return np.asarray(found["first"], dtype=float), np.asarray(found["second"], dtype=float)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-
-
-def _save(file: Path, arrays: Sequence[FloatArray]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=file.parent, suffix=".npz")
-    with os.fdopen(handle, "wb") as stream:
-        np.savez_compressed(stream, first=arrays[0], second=arrays[1])
-    os.replace(name, file)
-
-
-def _dataset(run: Observation) -> xr.Dataset:
-    return xr.Dataset(coords={name: ("point", column) for name, column in run.columns.items()})
+def _dataset(columns: dict[str, FloatArray]) -> xr.Dataset:
+    return xr.Dataset(coords={name: ("point", column) for name, column in columns.items()})
 
 
 __all__ = ["Bench", "Inputs", "Prepared", "low_rank", "unplaced"]

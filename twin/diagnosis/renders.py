@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import logging
-import os
-import tempfile
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,18 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from instrument.angles import FloatArray, direction
+from twin.diagnosis.store import PointStore
 from twin.diagnosis.variation import Variation
 from twin.diagnosis.workbench import Light, Progress, Workbench
 from twin.optics import COORDINATES
 
-_LOG = logging.getLogger(__name__)
 _NOMINAL = Variation()
-
-
-def default_cache() -> Path:
-    """``goniotwin`` in the user's folder for caches."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "goniotwin"
 
 
 @dataclass(frozen=True)
@@ -67,25 +55,22 @@ class Rendered:
 class RenderStore:
     """Renders what is not known yet.
 
-    Files are named by content and replaced whole, so that several processes may share a folder; one that
-    cannot be read is rendered again.
-
     Parameters
     ----------
     workbench
         The nominal twin.
     folder
-        Where renderings are kept; None keeps none.
+        Where renderings are kept, in a folder of their own; None keeps none.
     """
 
     def __init__(self, workbench: Workbench, folder: Path | None) -> None:
-        self.workbench, self.folder = workbench, folder
+        self.workbench = workbench
+        self._store = PointStore(None if folder is None else folder / "responses", _ARRAYS)
         self._digest = workbench.digest()
 
     def missing(self, groups: Sequence[Sequence[Variation]], columns: dict[str, FloatArray]) -> int:
         """How many variations would have to be rendered for at least one geometry."""
-        rows = _rows(columns)
-        return sum(len(group) for group in groups if self._known(group, rows) is None)
+        return sum(len(group) for group in groups if self._store.lacking(self._content(group), columns))
 
     def get(
         self, groups: Sequence[Sequence[Variation]], columns: dict[str, FloatArray], progress: Progress | None = None
@@ -97,76 +82,28 @@ class RenderStore:
         progress
             Told the number of variations just rendered.
         """
-        rows = _rows(columns)
-        found = [self._known(group, rows) for group in groups]
-        todo = [number for number, known in enumerate(found) if known is None]
-        if todo:
-            unique, place = np.unique(rows, axis=0, return_inverse=True)
-            bench = _Bench(self.workbench, unique, progress)
-            for number in todo:
-                rendered = bench.render(groups[number])
-                self._keep(groups[number], unique, rendered)
-                found[number] = _take(rendered, place.reshape(-1))
-        return [known for known in found if known is not None]
+        benches: dict[bytes, _Bench] = {}
+        found = []
+        for group in groups:
 
-    def _path(self, group: Sequence[Variation]) -> Path | None:
-        if self.folder is None:
-            return None
-        content = "\n".join([self._digest, *(variation.key() for variation in group)])
-        return self.folder / "responses" / f"{hashlib.sha256(content.encode()).hexdigest()[:40]}.npz"
+            def make(some: dict[str, FloatArray], group: Sequence[Variation] = group) -> dict[str, FloatArray]:
+                key = b"".join(some[name].tobytes() for name in COORDINATES)
+                bench = benches.setdefault(key, _Bench(self.workbench, some, progress))
+                rendered = bench.render(group)
+                return {name: getattr(rendered, name) for name in _ARRAYS}
 
-    def _load(self, path: Path) -> tuple[FloatArray, Rendered] | None:
-        """Geometries and renderings of a file; None, and a word in the log, if it is damaged."""
-        try:
-            with path.open("rb") as handle, np.load(handle, allow_pickle=False) as data:
-                rows, parts = data["geometry"], {name: data[name].astype(float) for name in _ARRAYS}
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
-            _LOG.warning("%s: cannot be read (%s); its responses are rendered again", path, problem)
-            return None
-        if any(part.shape[-1:] != rows.shape[:1] or not np.all(np.isfinite(part)) for part in parts.values()):
-            _LOG.warning("%s: does not hold what it should; its responses are rendered again", path)
-            return None
-        return rows, Rendered(**parts)
+            found.append(Rendered(**self._store.get(self._content(group), columns, make)))
+        return found
 
-    def _known(self, group: Sequence[Variation], rows: FloatArray) -> Rendered | None:
-        """Renderings of a group if all geometries are known."""
-        path = self._path(group)
-        loaded = None if path is None else self._load(path)
-        if loaded is None:
-            return None
-        place = {row.tobytes(): number for number, row in enumerate(loaded[0])}
-        wanted = [place.get(row.tobytes(), -1) for row in rows]
-        return None if min(wanted, default=0) < 0 else _take(loaded[1], np.array(wanted, dtype=np.int64))
-
-    def _keep(self, group: Sequence[Variation], rows: FloatArray, rendered: Rendered) -> None:
-        """Add renderings to the file of a group; whoever replaces it last wins, and nobody reads half a file."""
-        path = self._path(group)
-        if path is None:
-            return
-        loaded = self._load(path)
-        if loaded is not None:
-            old = {row.tobytes() for row in rows}
-            others = np.array([row.tobytes() not in old for row in loaded[0]], dtype=bool)
-            rows = np.concatenate([rows, loaded[0][others]])
-            more = _take(loaded[1], np.flatnonzero(others))
-            rendered = Rendered(
-                **{n: np.concatenate([getattr(rendered, n), getattr(more, n)], axis=-1) for n in _ARRAYS}
-            )
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as handle:
-            np.savez_compressed(handle, geometry=rows, **{name: getattr(rendered, name) for name in _ARRAYS})
-            handle.flush()
-        os.replace(handle.name, path)
+    def _content(self, group: Sequence[Variation]) -> str:
+        return "\n".join([self._digest, *(variation.key() for variation in group)])
 
 
 class _Bench:
     """Renders groups at the same geometries; the nominal twin once for each way of rendering."""
 
-    def __init__(self, workbench: Workbench, rows: FloatArray, progress: Progress | None) -> None:
-        self._workbench, self._progress = workbench, progress
-        self._columns = {name: rows[:, k].copy() for k, name in enumerate(COORDINATES)}
+    def __init__(self, workbench: Workbench, columns: dict[str, FloatArray], progress: Progress | None) -> None:
+        self._workbench, self._columns, self._progress = workbench, columns, progress
         self._nominal: dict[bool, Light] = {}
 
     def render(self, group: Sequence[Variation]) -> Rendered:
@@ -246,13 +183,3 @@ def _error(light: Light) -> FloatArray:
     mean = np.maximum(total.mean(axis=-1, keepdims=True), 1e-12)
     spread = total / mean - total[:1] / mean[:1]
     return np.asarray(spread.std(axis=-1, ddof=1) / np.sqrt(total.shape[-1]))
-
-
-def _take(rendered: Rendered, place: np.ndarray) -> Rendered:
-    return Rendered(**{name: getattr(rendered, name)[..., place] for name in _ARRAYS})
-
-
-def _rows(columns: dict[str, FloatArray]) -> FloatArray:
-    """Geometries as rows, rounded so that equal ones are equal, shape (point, coordinate)."""
-    rows = np.stack([np.nan_to_num(columns[name], nan=0.0) for name in COORDINATES], axis=1)
-    return np.asarray(np.round(rows, 6) + 0.0)

@@ -98,14 +98,14 @@ def _diagnose(
 def diagnose_file(run: Path, common: Path, out: Path, cache: Path | None) -> None:
     """Diagnose one run and write the result beside the others."""
     from instrument.output import write_json
+    from twin.content import cache_folder
     from twin.diagnosis.diagnose import diagnose
     from twin.diagnosis.observation import read_observation
     from twin.diagnosis.outcome import to_dict
     from twin.diagnosis.preparation import Bench, Inputs
-    from twin.diagnosis.renders import default_cache
 
     inputs = Inputs(common / "facility.toml", common / "artifact.toml", common / "material.nc")
-    prepared = Bench(inputs, cache or default_cache()).prepare(read_observation(run))
+    prepared = Bench(inputs, cache or cache_folder()).prepare(read_observation(run))
     write_json(out / f"{run.stem}.json", to_dict(diagnose(prepared)))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from instrument.artifact import ArtifactDimensions
-from twin.artifact import Surface, SurfaceMesh
+from twin.artifact import Surface
 from twin.material import Material
 from twin.optics import Setup
 
@@ -18,15 +18,6 @@ class ArtifactChange(ABC):
     @abstractmethod
     def dimensions(self, artifact: ArtifactDimensions) -> ArtifactDimensions:
         """The changed dimensions."""
-
-    def mesh(self, mesh: SurfaceMesh) -> SurfaceMesh:
-        """The mesh of the changed dimensions, changed further."""
-        return mesh
-
-    @property
-    def chamfer_mm(self) -> float:
-        """Width that the change adds to the chamfers at the upper edges of holes."""
-        return 0.0
 
 
 class MaterialChange(ABC):

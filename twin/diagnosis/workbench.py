@@ -11,11 +11,9 @@ ratios.
 
 from __future__ import annotations
 
-import hashlib
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +24,7 @@ from instrument.artifact import ArtifactDimensions
 from instrument.facility import Facility
 from instrument.lambertian import lambertian_flux
 from twin.artifact import SurfaceMesh, build_mesh
+from twin.content import content_digest
 from twin.diagnosis.direct_light import once_reflected, pierced_plate, served
 from twin.diagnosis.effects.base import Known
 from twin.diagnosis.transport import transported
@@ -35,7 +34,7 @@ from twin.optics import COORDINATES, Setup, lay_out, reference_change
 from twin.tracer import RANDOMISATIONS, SHARE, Part, Tracer
 
 #: Raised whenever the same variation would give other numbers.
-VERSION = 3
+VERSION = 4
 #: Sight lines of a geometry in each randomisation, a power of two: for scattered light alone, and for all of it.
 SAMPLES, _ALL_SAMPLES = 64, 256
 #: Geometries in one launch at most: bounds the memory.
@@ -49,7 +48,6 @@ class _Scene:
 
     mesh: SurfaceMesh
     dimensions: ArtifactDimensions
-    chamfer_mm: float
     material: Material
     surface_factor: dict[Any, float]
     members: list[int]
@@ -102,22 +100,19 @@ class Workbench:
 
     def digest(self) -> str:
         """Tells apart all that changes a rendering but geometries and variation."""
-        known = self.known
-        parts: list[Any] = [VERSION, self.samples, self.seed]
-        parts += [known.facility.beam.model_dump_json(), known.facility.sensor.model_dump_json()]
-        parts.append(known.artifact.form.model_dump_json(exclude={"holes", "mesh"}))
-        if known.facility.beam.picture is not None:
-            parts.append(known.facility.beam.picture.digest)
-        digest = hashlib.sha256("\n".join(map(str, parts)).encode())
-        for array in (known.artifact.holes.x, known.artifact.holes.y, known.artifact.holes.diameter):
-            digest.update(np.ascontiguousarray(array, dtype=float).tobytes() + b"|")
-        material = known.material
-        wavelengths = np.zeros(0) if material.wavelengths is None else material.wavelengths
-        for array in (material.cos_o, material.phi_rad, material.cos_i, material.brdf, wavelengths):
-            digest.update(np.ascontiguousarray(array, dtype=float).tobytes() + b"|")
-        if known.artifact.mesh is not None:
-            digest.update(Path(known.artifact.mesh).read_bytes())
-        return digest.hexdigest()
+        artifact, material = self.known.artifact, self.known.material
+        holes, form = artifact.holes, artifact.form.model_dump(exclude={"holes", "mesh"})
+        return content_digest(
+            VERSION,
+            self.samples,
+            self.seed,
+            self.known.facility.beam,
+            self.known.facility.sensor,
+            {name: value for name, value in form.items() if not name.startswith("u_")},
+            (holes.x, holes.y, holes.diameter, artifact.chamfers),
+            artifact.mesh,
+            (material.cos_o, material.phi_rad, material.cos_i, material.brdf, material.wavelengths, material.surfaces),
+        )
 
     def render(
         self,
@@ -146,7 +141,7 @@ class Workbench:
         each = max(1, _TOGETHER // max(points, 1))
         for scene in self._scenes(variations):
             tracer = self._tracer(scene)
-            plate = None if traced else pierced_plate(scene.dimensions, scene.chamfer_mm)
+            plate = None if traced else pierced_plate(scene.dimensions)
             for start in range(0, len(scene.members), each):
                 members = scene.members[start : start + each]
                 first = np.array(scene.first_table[start : start + each])
@@ -208,8 +203,7 @@ class Workbench:
         for members in groups.values():
             first = variations[members[0]]
             dimensions = self._changed(first)
-            mesh = self._changed_mesh(first, dimensions)
-            chamfer = sum(change.chamfer_mm for change in first.artifact)
+            mesh = self.mesh if dimensions is self.known.artifact else build_mesh(dimensions)
             by_grid: dict[tuple[bytes, ...], list[tuple[int, Material]]] = {}
             for number in members:
                 material = self.known.material
@@ -221,19 +215,13 @@ class Workbench:
                 material, starts = _stack(some)
                 members = [number for number, _ in some]
                 nominal = not (first.artifact or first.material or first.surface_factor)
-                yield _Scene(mesh, dimensions, chamfer, material, dict(first.surface_factor), members, starts, nominal)
+                yield _Scene(mesh, dimensions, material, dict(first.surface_factor), members, starts, nominal)
 
     def _changed(self, variation: Variation) -> ArtifactDimensions:
         dimensions = self.known.artifact
         for change in variation.artifact:
             dimensions = change.dimensions(dimensions)
         return dimensions
-
-    def _changed_mesh(self, variation: Variation, dimensions: ArtifactDimensions) -> SurfaceMesh:
-        mesh = self.mesh if dimensions is self.known.artifact else build_mesh(dimensions)
-        for change in variation.artifact:
-            mesh = change.mesh(mesh)
-        return mesh
 
     def _tracer(self, scene: _Scene) -> Tracer:
         if scene.nominal:

@@ -12,7 +12,6 @@ from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.changes import CavityDepth, EdgeChamfer, HoleDiameter, PlateThickness
 from twin.diagnosis.effects.base import Known, Parameter, SceneEffect
 from twin.diagnosis.variation import ArtifactChange, Variation
-from twin.plate import make_plate
 
 #: Shares of a dimension, or of the room for it, that a change may take.
 _OF_DIAMETER, _OF_THICKNESS, _OF_GAP, _OF_ROOM = 0.15, 0.35, 0.35, 0.8
@@ -114,7 +113,7 @@ class CavityDepthChange(_Dimension):
 
 
 class EdgeChamferWidth(_Dimension):
-    """A chamfer of 45 degrees at the upper edges of the holes, where the model has sharp ones."""
+    """The 45 degree chamfer at the upper edges of the holes wider; the model may have sharp ones."""
 
     name = "edge_chamfer"
     title = "edges of the holes chamfered"
@@ -127,23 +126,26 @@ class EdgeChamferWidth(_Dimension):
         reason = super().not_applicable(known)
         if reason:
             return reason
-        holes, half = known.artifact.holes, np.asarray(known.artifact.form.outline) / 2
-        centre = np.stack([holes.x, holes.y], axis=1)
-        plate = make_plate((half[0], half[1]), centre, holes.diameter / 2, 1.0, closed=True)
-        return "" if plate is not None else "the holes leave no room for a chamfer"
+        return "" if self.limits(known)[1] > 0 else "the holes leave no room for a chamfer"
 
     def limits(self, known: Known) -> tuple[float, float]:
-        room = min(_OF_ROOM * narrowest_bridge(known) / 2, 0.5 * known.artifact.form.plate_thickness)
-        return 0.0, min(0.3, room)
+        chamfers = known.artifact.chamfers
+        room = min(
+            _OF_ROOM * narrowest_bridge(known) / 2, 0.5 * known.artifact.form.plate_thickness - float(chamfers.max())
+        )
+        return 0.0 - float(chamfers.min()), min(0.3, room)
+
+    def budget(self, known: Known) -> float:
+        return float(np.mean(known.artifact.u_chamfers))
 
     def change(self, value: float) -> ArtifactChange:
         return EdgeChamfer(value)
 
 
 def narrowest_bridge(known: Known) -> float:
-    """What separates the closest holes, or a hole from the edge of the plate, mm."""
+    """What separates the closest holes with their chamfers, or a hole from the edge of the plate, mm."""
     holes, half = known.artifact.holes, np.asarray(known.artifact.form.outline) / 2
-    radius = holes.diameter / 2
+    radius = holes.diameter / 2 + known.artifact.chamfers
     gap = np.hypot(holes.x[:, None] - holes.x, holes.y[:, None] - holes.y) - radius[:, None] - radius
     np.fill_diagonal(gap, np.inf)
     to_edge = np.minimum(half[0] - np.abs(holes.x), half[1] - np.abs(holes.y)) - radius
