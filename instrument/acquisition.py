@@ -1,7 +1,9 @@
 """Taking a reading: light on the sample, the right gain, nine samples, then the same in the dark.
 
-A reading that saturates or overloads is never averaged silently: the gain goes down and the burst is taken anew;
-where no lower gain is left the reading carries a flag, and where the meter gave no number at all there is no reading.
+A burst that saturates or overloads is never averaged: the gain goes down and the burst is taken anew, and where no
+lower gain is left there is no reading. Between the level that sends the gain down and the one that sends it up lies
+a decade and more, so that noise never makes it change to and fro. A burst through which the volts still drift is
+taken anew; outliers are noted and kept.
 """
 
 from __future__ import annotations
@@ -10,12 +12,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from drivers.clock import Clock
 from drivers.errors import DeviceFault
 from drivers.interfaces import Amplifier, Detector, Reading, Shutter
 from instrument.control import Controls, ask, ensure
 from instrument.hindrances import DetectorSaturated, LightUnstable, scatter
-from instrument.run_schema import OVERLOAD, REPEATED, SATURATED
+from instrument.quality.bursts import outliers, trend
+from instrument.run_schema import REPEATED
 from instrument.settings import AcquisitionSettings
 
 #: Voltmeters report an overload as 9.9e37.
@@ -27,7 +32,7 @@ class NoReading(DeviceFault):
 
 
 class Overloaded(DetectorSaturated, NoReading):
-    """There is more light than the lowest gain can take, and no number for it."""
+    """There is more light than the lowest gain can take: whatever number there is, it is too small."""
 
 
 class NoLight(NoReading):
@@ -36,12 +41,16 @@ class NoLight(NoReading):
 
 @dataclass(frozen=True)
 class Burst:
-    """One reading: volts with light, mean volts without, the gain (V/A) of both, and quality flags."""
+    """One reading: volts with light, mean volts without, the gain (V/A) of both, and quality flags.
+
+    ``dark_samples`` are the volts without light that ``dark`` is the mean of, where they are known.
+    """
 
     samples: tuple[float, ...]
     dark: float
     gain: float
     quality_flag: int
+    dark_samples: tuple[float, ...] = ()
 
     @property
     def current(self) -> float:
@@ -50,13 +59,14 @@ class Burst:
 
     @property
     def relative_standard_error(self) -> float:
-        """Standard error of the mean of the samples over the photocurrent; nan for a single sample."""
-        count = len(self.samples)
-        if count < 2:
+        """Standard error of the mean of the samples, less that of the dark ones, over the photocurrent.
+
+        nan for a single sample.
+        """
+        if len(self.samples) < 2:
             return math.nan
-        mean = sum(self.samples) / count
-        scatter = math.sqrt(sum((sample - mean) ** 2 for sample in self.samples) / (count - 1) / count)
-        return scatter / abs(self.current * self.gain) if self.current else math.inf
+        error = math.hypot(_standard_error(self.samples), _standard_error(self.dark_samples))
+        return error / abs(self.current * self.gain) if self.current else math.inf
 
 
 class Acquisition:
@@ -112,7 +122,7 @@ class Acquisition:
         """
         self._set_gain(min(self._amplifier.gains))
         self._gain_known = True
-        return self._dark()
+        return _mean(self._dark())
 
     def forget_gain(self) -> None:
         """The amplifier may have been without power: its gain is chosen anew."""
@@ -128,7 +138,7 @@ class Acquisition:
         Raises
         ------
         Overloaded
-            If no gain gives a number.
+            If the light saturates the detector at the lowest gain.
         NoLight
             If the open shutter makes no difference.
         LightUnstable
@@ -147,7 +157,7 @@ class Acquisition:
         self._controls.sleep(self._settings.settling)
         dark = self._dark()
         self._last_duration = self._clock.monotonic() - began
-        burst = Burst(reading.samples, dark, gain, self._flags(reading))
+        burst = Burst(reading.samples, _mean(dark), gain, REPEATED if self._repeats > 0 else 0, dark)
         if burst.current <= 0:
             # Every uncertainty is relative to the reading: such a point could not even be marked as uncertain.
             light = sum(burst.samples) / len(burst.samples)
@@ -157,13 +167,22 @@ class Acquisition:
                 "look at shutter, beam path, sample and the detector's cable",
             )
         self._require_stable(burst)
+        self._note_outliers(burst.samples, "with light")
+        self._note_outliers(burst.dark_samples, "in the dark")
         return burst
 
-    def _dark(self) -> float:
+    def _dark(self) -> tuple[float, ...]:
         dark = self._read(self._settings.dark_samples)
         if dark.overload or not _numbers(dark):
             raise DeviceFault("detector", "overload with the shutter closed", "look for stray light or a broken cable")
-        return sum(dark.samples) / len(dark.samples)
+        return dark.samples
+
+    def _note_outliers(self, samples: tuple[float, ...], which: str) -> None:
+        for number in np.flatnonzero(outliers(samples)):
+            self._note(
+                f"sample {number + 1} of {len(samples)} {which} is an outlier: {samples[number]:.6g} V, the mean of all"
+                f" is {_mean(samples):.6g} V; kept"
+            )
 
     def _require_stable(self, burst: Burst) -> None:
         light = burst.current * burst.gain
@@ -177,27 +196,51 @@ class Acquisition:
             )
 
     def _in_range(self, samples: int) -> tuple[Reading, float]:
-        """A burst at the gain that suits the light."""
+        """A burst at the gain that suits the light, taken when everything has settled."""
         gains = sorted(self._amplifier.gains)
         gain = self._present_gain(gains[0])
         ceiling_gain = math.inf  # the lowest gain that proved too high
-        for _ in range(2 * len(gains) + 1):
+        settling = self._settings.settling_attempts
+        for _ in range(2 * len(gains) + settling):
             reading = self._read(samples)
             if self._too_high(reading):
                 ceiling_gain = min(ceiling_gain, gain)
                 better = max((g for g in gains if g < gain), default=gain)
             else:
                 better = self._higher(gains, gain, ceiling_gain, reading)
-            if better == gain:
-                break
-            self._note_gain(gain, better, reading)
-            gain = better
-            self._set_gain(gain)
-        if not _numbers(reading):
-            raise Overloaded(
-                "detector", f"overload at the lowest gain ({gain:g} V/A)", "reduce the power of the source"
-            )
-        return reading, gain
+            if better != gain:
+                self._note_gain(gain, better, reading)
+                gain = better
+                self._set_gain(gain)
+                continue
+            self._require_range(reading, gain)
+            settling -= 1
+            if self._settled(reading, settling):
+                return reading, gain
+        raise LightUnstable("source", "no gain suits the light for long enough to read it", "look at the source")
+
+    def _require_range(self, reading: Reading, gain: float) -> None:
+        """What is clipped has no mean: it is said, and never averaged."""
+        level = max(abs(sample) for sample in reading.samples)
+        if reading.overload or not _numbers(reading):
+            seen = "overload"
+        elif level >= self._detector.full_scale:
+            seen = f"saturated, {level:.4g} V of {self._detector.full_scale:g} V,"
+        else:
+            return
+        raise Overloaded("detector", f"{seen} at the lowest gain ({gain:g} V/A)", "reduce the power of the source")
+
+    def _settled(self, reading: Reading, patience: int) -> bool:
+        """Whether no trend is left in a burst, or no patience: after a change of gain or light the volts may drift."""
+        change, significance = trend(reading.samples)
+        level = max(abs(sample) for sample in reading.samples)
+        if abs(significance) <= self._settings.drift_significance or abs(change) <= self._settings.drift * level:
+            return True
+        if patience > 0:
+            self._controls.sleep(max(self._settings.settling, self._amplifier.settling_time))
+            return False
+        self._note(f"the volts still drift by {change:.3g} V during a burst; kept")
+        return True
 
     def _present_gain(self, lowest: float) -> float:
         """The gain in use; before the first reading nobody knows it, and the lowest one is chosen."""
@@ -240,11 +283,6 @@ class Acquisition:
         self._repeats -= 1
         return ask(burst, self._settings.read_attempts)
 
-    def _flags(self, reading: Reading) -> int:
-        level = max(abs(sample) for sample in reading.samples)
-        saturated = SATURATED if level >= self._detector.full_scale else 0
-        return saturated | (OVERLOAD if reading.overload else 0) | (REPEATED if self._repeats > 0 else 0)
-
     def _note_gain(self, old: float, new: float, reading: Reading) -> None:
         level = max(abs(sample) for sample in reading.samples)
         seen = "overload" if reading.overload or level > _NO_NUMBER else f"{level:.4g} V"
@@ -253,3 +291,16 @@ class Acquisition:
 
 def _numbers(reading: Reading) -> bool:
     return all(math.isfinite(sample) and abs(sample) < _NO_NUMBER for sample in reading.samples)
+
+
+def _mean(samples: tuple[float, ...]) -> float:
+    return sum(samples) / len(samples)
+
+
+def _standard_error(samples: tuple[float, ...]) -> float:
+    """Of the mean; 0 where there is nothing to tell it from."""
+    count = len(samples)
+    if count < 2:
+        return 0.0
+    mean = _mean(samples)
+    return math.sqrt(sum((sample - mean) ** 2 for sample in samples) / (count - 1) / count)

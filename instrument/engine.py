@@ -14,7 +14,7 @@ from typing import Literal
 
 from drivers.errors import CommandRefused, CommunicationError, DeviceError
 from drivers.interfaces import Laboratory
-from instrument.acquisition import NoReading, Overloaded
+from instrument.acquisition import NoReading
 from instrument.attendance import Attendance
 from instrument.bus import EventBus
 from instrument.control import AbortAsked, Controls, HaltAsked
@@ -216,8 +216,6 @@ class ScanEngine:
     def _read_reference(self, station: Station, index: int, geometry: Geometry) -> None:
         station.go(geometry)
         burst, record = station.read(self._job.plan.samples)
-        if burst.quality_flag & ~REPEATED:
-            raise Overloaded("detector", "saturated by the reference at its lowest gain", "reduce the source's power")
         self._report.record("reference", index=index, geometry=geometry, **record)
         self._evaluator.add_reference(index, geometry, record)
         self._report.publish(
@@ -261,8 +259,6 @@ class ScanEngine:
         self._report.record("point", index=index, geometry=geometry, **record)
         progress.done(index)
         self._begun.discard(index)
-        if burst.quality_flag & ~REPEATED:
-            self._report.tell("warning", f"point {index + 1}: the detector is saturated at its lowest gain: flagged")
         self._report.publish(
             PointMeasured(
                 time=self._report.now(),

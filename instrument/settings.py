@@ -38,6 +38,9 @@ class AcquisitionSettings(Form):
     floor: Annotated[float, Field(ge=0, lt=1)] = 0.05  # below it the gain goes up, where that stays under target
     target: Annotated[float, Field(gt=0, le=1)] = 0.8
     read_attempts: Count = 3  # of a question that changes nothing
+    settling_attempts: Count = 4  # bursts, until one shows no trend
+    drift: Annotated[float, Field(gt=0)] = 1e-3  # of the reading, during a burst: less is not waited for
+    drift_significance: Annotated[float, Field(gt=0)] = 5.4  # Student's t; 1 burst of 1000 of mere noise is beyond
     unstable: Annotated[float, Field(gt=0)] = 0.2  # relative scatter within a burst: the source, not noise
     darkest: Annotated[float, Field(gt=0, le=1)] = 0.05  # of full scale, before a scan, at the lowest gain
     noise_floor: Annotated[float, Field(ge=0)] = 0.01  # of full scale: with less light scatter says nothing

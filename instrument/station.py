@@ -115,6 +115,7 @@ class Station:
             "time": began,
             "signal": burst.samples,
             "dark": burst.dark,
+            "dark_signal": burst.dark_samples,
             "gain": burst.gain,
             "quality_flag": burst.quality_flag,
             "readback": self.mover.readback(),

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
+import numpy as np
 import pytest
 from fake_bench import FULL_CURRENT, Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CommunicationError, DeviceFault
+from drivers.interfaces import Reading
 from instrument.acquisition import Acquisition, Burst, NoLight, Overloaded
 from instrument.control import Controls
-from instrument.run_schema import OVERLOAD, REPEATED, SATURATED
+from instrument.run_schema import REPEATED
 from instrument.settings import AcquisitionSettings
 
 
@@ -22,15 +25,21 @@ class Meter:
         self.bench.mounted, self.bench.source.on = "sample", True
         self.bench.reflectance["sample"] = current / FULL_CURRENT
         self.notes: list[str] = []
+        self.acquisition = self._with(AcquisitionSettings(**changes))
+
+    def take(self, how: AcquisitionSettings) -> Burst:
+        return self._with(how).measure(9)
+
+    def _with(self, how: AcquisitionSettings) -> Acquisition:
         bench = self.bench
-        self.acquisition = Acquisition(
+        return Acquisition(
             bench.detector,
             bench.amplifier,
             bench.shutter,
             bench.clock,
             Controls(bench.clock),
             self.notes.append,
-            AcquisitionSettings(**changes),
+            how,
         )
 
 
@@ -82,23 +91,97 @@ def test_more_light_than_the_lowest_gain_takes_is_no_reading() -> None:
     assert not meter.bench.shutter.opened
 
 
-def test_saturation_at_the_lowest_gain_is_flagged() -> None:
+def test_saturation_at_the_lowest_gain_is_no_reading() -> None:
     meter = Meter(1.1e-3)
+    with pytest.raises(Overloaded, match=r"saturated, 11 V of 10 V, at the lowest gain \(10000 V/A\)"):
+        meter.acquisition.measure(9)
+    assert not meter.bench.shutter.opened
+
+
+def test_one_clipped_sample_of_nine_is_never_averaged_in() -> None:
+    """At any gain the burst is taken anew, lower; at the lowest one there is no reading."""
+    meter = Meter(0.4e-6)
+    assert meter.acquisition.measure(9).gain == 1e7
+    honest = meter.bench.detector.read
+
+    def spiking(samples: int) -> Reading:
+        volts = list(honest(samples).samples)
+        if meter.bench.shutter.opened and meter.bench.amplifier.gain() > 1e5:
+            volts[4] = 10.0
+        return Reading(tuple(volts))
+
+    meter.bench.detector.read = spiking  # type: ignore[method-assign]
     burst = meter.acquisition.measure(9)
-    assert burst.gain == min(meter.bench.amplifier.gains)
-    assert burst.quality_flag & SATURATED
+    assert burst.gain == 1e5
+    assert max(burst.samples) < 0.1
+    assert burst.current == pytest.approx(0.4e-6, rel=0.02)
+    meter.bench.amplifier.gains = (1e7,)
+    with pytest.raises(Overloaded, match="saturated, 10 V of 10 V"):
+        meter.acquisition.measure(9)
 
 
 def test_the_overload_line_of_the_amplifier_counts() -> None:
+    """Though every number looks good: gain after gain is given up, and the lowest one makes no reading either."""
     meter = Meter()
-
-    def line() -> bool:
-        return meter.bench.shutter.opened
-
-    meter.bench.amplifier.overload = line  # type: ignore[method-assign]
+    meter.bench.amplifier.overload = lambda: meter.bench.shutter.opened  # type: ignore[method-assign]
+    with pytest.raises(Overloaded, match="overload at the lowest gain"):
+        meter.acquisition.measure(9)
+    meter.bench.amplifier.overload = lambda: meter.bench.shutter.opened and meter.bench.amplifier.gain() > 1e6
     burst = meter.acquisition.measure(9)
-    assert burst.quality_flag == OVERLOAD
-    assert burst.gain == min(meter.bench.amplifier.gains)
+    assert (burst.gain, burst.quality_flag) == (1e6, 0)
+
+
+@pytest.mark.parametrize("level", [9.2, 0.46, 0.92])
+def test_noise_about_a_threshold_does_not_make_the_gain_change_to_and_fro(level: float) -> None:
+    """At 0.9 and at 0.05 of full scale, where the gain changes, and where it then arrives."""
+    meter = Meter((level - 0.002) / 1e7)
+    meter.bench.detector.noise = 0.05
+    gains = [meter.acquisition.measure(9).gain for _ in range(40)]
+    assert sum(a != b for a, b in itertools.pairwise(gains)) <= 1
+
+
+def test_an_amplifier_that_settles_slowly_is_waited_for() -> None:
+    """After a change of gain 30 % are missing, and a third of that ten samples later."""
+    meter = Meter(0.4e-6)
+    bench = meter.bench
+    taken = [0]
+    exact, set_gain = bench.detector.read, bench.amplifier.set_gain
+
+    def select(gain: float) -> None:
+        set_gain(gain)
+        taken[0] = 0
+
+    def read(samples: int) -> Reading:
+        missing = 0.3 * np.exp(-(taken[0] + np.arange(samples)) / 9.0)
+        taken[0] += samples
+        return Reading(tuple(np.array(exact(samples).samples) * (1 - missing)))
+
+    bench.amplifier.set_gain, bench.detector.read = select, read  # type: ignore[method-assign]
+    assert meter.take(AcquisitionSettings(settling_attempts=9)).current == pytest.approx(0.4e-6, rel=2e-3)
+    assert [note[:20] for note in meter.notes] == ["gain 10000 -> 1e+07 "]
+    bench.amplifier.set_gain(1e4)
+    assert meter.take(AcquisitionSettings(settling_attempts=2)).current < 0.97 * 0.4e-6
+    assert meter.notes[-1].startswith("the volts still drift by")
+
+
+def test_an_outlier_is_noted_and_kept() -> None:
+    meter = Meter(0.4e-6)
+    meter.acquisition.measure(9)
+    honest = meter.bench.detector.read
+
+    def disturbed(samples: int) -> Reading:
+        volts = list(honest(samples).samples)
+        volts[6] += 0.01
+        return Reading(tuple(volts))
+
+    meter.bench.detector.read, meter.notes[:] = disturbed, []  # type: ignore[method-assign]
+    burst = meter.acquisition.measure(9)
+    assert [note.split(" is an outlier")[0] for note in meter.notes] == [
+        "sample 7 of 9 with light",
+        "sample 7 of 9 in the dark",
+    ]
+    assert burst.samples[6] == pytest.approx(4.012, abs=1e-3)
+    assert burst.current * burst.gain == pytest.approx(np.mean(burst.samples) - np.mean(burst.dark_samples))
 
 
 def test_an_overload_in_the_dark_is_a_fault() -> None:
