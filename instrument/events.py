@@ -7,9 +7,12 @@ Every event is a pydantic model with a ``kind`` and can be written as one JSON l
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, TypeAdapter, model_serializer
+
+#: What a polariser lets through: across the plane of incidence, in it, or one after the other and their mean.
+Polarization = Literal["mean", "s", "p"]
 
 
 class _Event(BaseModel):
@@ -18,7 +21,17 @@ class _Event(BaseModel):
 
 
 class Geometry(BaseModel):
-    """One commanded geometry: wavelength in nm, angles in degree (data contract, section Angles and frames)."""
+    """One commanded geometry: wavelength in nm, angles in degree (data contract, section Angles and frames).
+
+    Attributes
+    ----------
+    sample_rotation
+        Of the sample about its normal, right-handed. Illumination and sensor angles stay those of the laboratory.
+    polarization
+        None where the instrument has no polariser.
+    repetition
+        How many times the point was measured before in the same plan.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     wavelength: float
@@ -26,6 +39,18 @@ class Geometry(BaseModel):
     illumination_azimuth: float = 0.0
     sensor_zenith: float
     sensor_azimuth: float
+    sample_rotation: float = 0.0
+    polarization: Polarization | None = None
+    repetition: Annotated[int, Field(ge=0)] = 0
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What an instrument of three arms does not know is left out: its records read as they always did."""
+        data: dict[str, Any] = handler(self)
+        for name, usual in (("sample_rotation", 0.0), ("polarization", None), ("repetition", 0)):
+            if data.get(name) == usual:
+                data.pop(name, None)
+        return data
 
 
 class ScanStarted(_Event):

@@ -19,6 +19,8 @@ NonNegative = Annotated[float, Field(ge=0)]
 Relative = Annotated[float, Field(ge=0, lt=1)]
 AngleRange = tuple[float, float]
 _ARMS = ("illumination_zenith", "sensor_zenith", "sensor_azimuth")
+#: What an instrument may have beside its arms.
+STAGES = ("sample_rotation", "polarizer")
 #: One relative standard uncertainty, or one for the best and one for the worst geometry.
 Budgeted = Relative | tuple[Relative, Relative]
 
@@ -138,13 +140,18 @@ class KeepOut(Form):
 
 
 class Arms(Form):
-    """Travel of the arms, where they would touch, and how well their angles are known."""
+    """Travel of the arms, where they would touch, and how well their angles are known.
+
+    ``sample_rotation`` and ``polarizer`` are there where the instrument has a motorised stage or polariser.
+    """
 
     illumination_zenith: AngleRange = (-90.0, 90.0)
     sensor_zenith: AngleRange = (-90.0, 90.0)
     sensor_azimuth: AngleRange = (0.0, 180.0)
     shadow_half_angle: NonNegative = 5.0
     keep_out: tuple[KeepOut, ...] = ()
+    sample_rotation: AngleRange | None = None
+    polarizer: AngleRange | None = None
     u_illumination_zenith: NonNegative = 0.0
     u_sensor_zenith: NonNegative = 0.0
     u_sensor_azimuth: NonNegative = 0.0
@@ -152,12 +159,16 @@ class Arms(Form):
     @model_validator(mode="after")
     def _ranges_ascend(self) -> Arms:
         _require_ascending(self)
+        if self.polarizer is not None and not (self.polarizer[0] <= 0.0 and self.polarizer[1] >= 90.0):
+            raise ValueError(f"polarizer must reach 0 (p) and 90 degrees (s), found {list(self.polarizer)}")
         return self
 
 
 def _require_ascending(ranges: Arms | KeepOut) -> None:
-    for name in _ARMS:
-        lower, upper = getattr(ranges, name)
+    for name in (*_ARMS, *STAGES):
+        if (found := getattr(ranges, name, None)) is None:
+            continue
+        lower, upper = found
         if not lower < upper:
             raise ValueError(f"{name} must run from low to high, found [{lower}, {upper}]")
 

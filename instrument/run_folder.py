@@ -14,6 +14,7 @@ from instrument.facility import read_facility
 from instrument.files import sync_folder, write_atomically
 from instrument.forms import read_toml
 from instrument.journal import JOURNAL_NAME
+from instrument.plan_text import self_contained
 from instrument.request import (
     ARTIFACT_NAME,
     CORRECTIONS_NAME,
@@ -101,6 +102,17 @@ def _write_new(target: Path, content: bytes, source: str) -> Path:
     return target
 
 
+def copy_plan(source: Path, folder: Path) -> Path:
+    """Copy a plan, its tables written out, so that the copy stands on its own.
+
+    Raises
+    ------
+    InputError
+        If the plan or a table of it is wrong.
+    """
+    return _write_new(folder / PLAN_NAME, self_contained(source).encode(), str(source))
+
+
 def copy_artifact(source: Path, folder: Path) -> Path:
     """Copy an artifact with its table of holes and its mesh, so that the copy stands on its own.
 
@@ -177,7 +189,7 @@ def keep_inputs(inputs: ScanInputs, folder: Path) -> ScanInputs:
         copy_file(inputs.devices, folder, DEVICES_NAME)
     return replace(
         inputs,
-        plan_path=copy_file(inputs.plan_path, folder, PLAN_NAME),
+        plan_path=copy_plan(inputs.plan_path, folder),
         facility_path=copy_facility(inputs.facility_path, folder),
         artifact=copy_artifact(inputs.artifact, folder) if inputs.artifact else None,
         material=copy_material(inputs.material, folder) if inputs.material else None,
