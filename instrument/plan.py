@@ -15,9 +15,11 @@ from instrument.events import Geometry
 from instrument.facility import Arms, Facility
 from instrument.forms import read_form
 from instrument.plan_forms import Direction, PlanForm, Table
-from instrument.plan_points import describe, ordered_points
+from instrument.plan_points import MOST_POINTS, WAVELENGTH_RANGE, describe, ordered_points
 
 __all__ = [
+    "MOST_POINTS",
+    "WAVELENGTH_RANGE",
     "Blocked",
     "Direction",
     "Plan",
