@@ -109,7 +109,7 @@ def test_grids_and_tables_follow_each_other_as_written(tmp_path: Path) -> None:
 
 def test_the_copy_of_a_plan_needs_no_table_beside_it(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text(
-        "illumination_zenith (rad),sensor_azimuth,sensor_zenith (deg)\n0.5,10,-1.5\n0,0,1.25\n"
+        "illumination_zenith (rad),sensor_azimuth,sensor_zenith (deg)\n0.5,10,-1.5\n0.5,0,1.25\n"
     )
     (tmp_path / "plan.toml").write_text('version = 1\nsamples = 5\n[[part]]\ntable = "p.csv"\nwavelength = [500.0]\n')
     (tmp_path / "alone").mkdir()
