@@ -141,6 +141,22 @@ class BoundedSelector(WavelengthSelector, Protocol):
         ...
 
 
+@runtime_checkable
+class ChannelSelector(WavelengthSelector, Protocol):
+    """A filter that can let several wavelengths through at once: two beams for a test of the detector's linearity."""
+
+    channel: int  # the one that scans use
+    amplitude: float  # of a channel in use, fraction
+
+    def set_channel(self, channel: int, wavelength: float, amplitude: float) -> None:
+        """Tune a channel (nm) and open it to a fraction; 0 closes it."""
+        ...
+
+    def channel_amplitude(self, channel: int) -> float:
+        """How far a channel is open, read back."""
+        ...
+
+
 @dataclass(frozen=True)
 class Reading:
     """A burst of detector voltages.

@@ -55,7 +55,7 @@ class SelectForm(Form):
 
 
 class NktSelect:
-    """SuperK SELECT. Satisfies :class:`drivers.interfaces.BoundedSelector`."""
+    """SuperK SELECT. Satisfies :class:`drivers.interfaces.BoundedSelector` and ``ChannelSelector``."""
 
     options = SelectForm
     line_kinds = ("serial", "tcp")
@@ -67,6 +67,7 @@ class NktSelect:
         address = options.select_address
         self._select = NktModule(name, line, address) if address is not None else None
         self._range: tuple[float, float] | None = None
+        self.channel, self.amplitude = options.channel, options.amplitude
         line.attach(name)
 
     def identify(self) -> str:
@@ -103,6 +104,26 @@ class NktSelect:
             raise DeviceFault(self.name, f"wavelength reads {found / PM_PER_NM:g} nm after {wavelength:g} nm was set")
         if fault := self.fault():
             raise DeviceFault(self.name, fault, "no light passes before that is mended")
+
+    def set_channel(self, channel: int, wavelength: float, amplitude: float) -> None:
+        """Tune a channel and open it to a fraction of full RF amplitude; the RF power is switched on where it opens.
+
+        Raises
+        ------
+        CommandRefused
+            If the crystal cannot select the wavelength.
+        """
+        lower, upper = self.wavelength_range()
+        if not lower <= wavelength <= upper:
+            raise CommandRefused(self.name, f"{wavelength:g} nm is outside {lower:g} to {upper:g} nm")
+        self._driver.write(WAVELENGTHS + channel, round(wavelength * PM_PER_NM), 4)
+        self._driver.write(AMPLITUDES + channel, round(amplitude * 1000), 2)
+        if amplitude > 0:
+            self._driver.write(RF_POWER, 1, 1)
+
+    def channel_amplitude(self, channel: int) -> float:
+        """Amplitude of a channel read back, fraction of full RF amplitude."""
+        return self._driver.read_unsigned(AMPLITUDES + channel) / 1000
 
     def fault(self) -> str:
         """What the SELECT reports, in words; empty where nothing is wrong, or its address is not known."""

@@ -16,6 +16,7 @@ from instrument.errors import InputError
 from instrument.facility import read_facility
 from instrument.laboratories import Inputs
 from instrument.operators import Mounted
+from instrument.prompts import Prompt
 from sim_fixtures.connections import write_alternative, write_devices
 from sim_fixtures.control import ControlClient
 
@@ -25,7 +26,7 @@ _LOG = "laboratory.log"
 
 
 class SimulatedOperator:
-    """Hands of the simulated laboratory: changes the sample at once."""
+    """Hands of the simulated laboratory: changes the sample at once, and answers prompts with what is usual."""
 
     def __init__(self, control: ControlClient) -> None:
         self._control = control
@@ -33,6 +34,19 @@ class SimulatedOperator:
     def mount(self, what: Mounted) -> None:
         """Put the reference or the sample on the stage."""
         self._control("mount", what=what)
+
+    def reply(self, prompt: Prompt) -> float | str | None:
+        """Do what a prompt asks for; numbers are the middle of what makes sense, choices the first."""
+        about, _, what = prompt.key.partition(":")
+        if about == "mount":
+            self._control("mount", what=what)
+        elif about == "apertures":
+            self._control("apertures", a="a" in what, b="b" in what)
+        if prompt.kind == "choice":
+            return prompt.choices[0]
+        if prompt.kind == "number":
+            return ((prompt.lower or 0.0) + (prompt.upper or 0.0)) / 2
+        return None
 
 
 class SimulatedLaboratory:

@@ -1,0 +1,1 @@
+"""Calibration as procedures: each runs on the devices of a scan, and leaves a dated result (docs/calibration.md)."""
