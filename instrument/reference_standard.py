@@ -10,12 +10,15 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from instrument.forms import Form
+
+if TYPE_CHECKING:
+    from instrument.facility import Facility
 
 Positive = Annotated[float, Field(gt=0)]
 #: Two angles of the same geometry may differ by so much, degree.
@@ -162,3 +165,20 @@ def _along(curve: list[tuple[float, float, float]], wavelength: float) -> tuple[
     low, high, outside = _neighbours([nm for nm, _, _ in curve], wavelength, 1e-3)
     value = np.interp(wavelength, [nm for nm, _, _ in curve], [value for _, value, _ in curve])
     return float(value), max(relative for nm, _, relative in curve if nm in (low, high)), outside
+
+
+def at_wavelength(facility: Facility, wavelength: float) -> Facility:
+    """A facility whose reference is what its certificate says at a wavelength (nm); the same one without certificate.
+
+    The certificate's uncertainty takes the place of ``reference.u_relative`` and of the budget's row
+    ``reference_material``. What the certificate does not cover is taken from its nearest line: whoever starts a scan is
+    asked about that before (:func:`objections`).
+    """
+    standard = facility.reference.standard
+    if standard is None:
+        return facility
+    known = facility.reference
+    factor = factor_at(standard, wavelength, known.illumination_zenith, known.sensor_zenith)
+    reference = known.model_copy(update={"reflectance_factor": factor.value, "u_relative": factor.u_relative})
+    budget = facility.budget.model_copy(update={"reference_material": factor.u_relative})
+    return facility.model_copy(update={"reference": reference, "budget": budget})

@@ -145,9 +145,11 @@ def start_simulated(
 
 
 def _write_inputs(folder: Path, seed: int, artifact: Path | None, facility: Path | None) -> Inputs:
+    from sim_fixtures.bench.pieces import wavelength_certificate
     from sim_fixtures.examples import write_examples
 
     examples = write_examples(folder, seed, facility)
+    (folder / "wavelength_standard.toml").write_text(wavelength_certificate(), encoding="utf-8")
     return Inputs(
         devices=folder / "devices.toml",
         facility=examples.facility,

@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.errors import DeviceFault
 from drivers.interfaces import Reading
+from instrument.acquisition import Burst
 from instrument.angles import FloatArray
 from instrument.control import ask, ensure
 from instrument.facility import Budgeted
@@ -196,13 +197,19 @@ def least_squares(design: FloatArray, values: FloatArray, u: FloatArray) -> tupl
         (nan without degrees of freedom).
     """
     weighted = design / u[:, None]
-    covariance: FloatArray = np.linalg.pinv(weighted.T @ weighted)
+    covariance: FloatArray = np.asarray(np.linalg.pinv(weighted.T @ weighted), dtype=float)
     parameters: FloatArray = covariance @ (weighted.T @ (values / u))
     freedom = len(values) - design.shape[1]
     if freedom <= 0:
         return parameters, covariance, math.nan
     chi_square = float(np.sum(((values - design @ parameters) / u) ** 2)) / freedom
     return parameters, np.asarray(covariance * max(chi_square, 1.0)), chi_square
+
+
+def relative_error(burst: Burst) -> float:
+    """Relative standard error of a reading, from the scatter of its samples."""
+    _, u = mean_of(burst.samples)
+    return u / abs(burst.current * burst.gain)
 
 
 def beyond(value: float, u: float, allowed: float) -> bool:

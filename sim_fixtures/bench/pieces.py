@@ -57,6 +57,15 @@ def band_reflectance(wavelength: float) -> float:
     )
 
 
+def wavelength_certificate() -> str:
+    """Certificate of the wavelength standard, in the form of ``docs/calibration.md``."""
+    bands = "".join(f"\n[[band]]\nwavelength = {centre}\nu = 0.05\nreach = 14.0\n" for centre, _, _ in BANDS)
+    return (
+        "# The wavelength standard of the simulated laboratory.\nversion = 1\n"
+        'identity = "simulated rare-earth tile WS-1"\nvalid_from = 2026-01-01\nvalid_until = 2035-12-31\n' + bands
+    )
+
+
 def _tilted(geometry: Geometry, tilt: float) -> float:
     """A Lambertian surface that leans towards azimuth 0: cosine to the sensor over that of the level one."""
     if tilt == 0.0:
