@@ -22,20 +22,22 @@ from reliability_crash import cut_trial, disk_trial, kill_trial
 from reliability_faults import fault_trial, faults
 from reliability_report import write_report
 from reliability_soak import soak_trial
+from reliability_wires import wire_trial
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "reliability.json"
-TRIALS = ("kill", "cut", "disk", "faults", "soak")
+TRIALS = ("kill", "cut", "disk", "wires", "faults", "soak")
 
 
 def main() -> int:
     """Run the trials that are asked for and keep what they found beside earlier results of the others."""
     options = _parser().parse_args()
-    results: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    results = _results()
     with tempfile.TemporaryDirectory(prefix="goniotwin-trials-", dir=options.folder) as folder:
         os.environ["GONIOTWIN_LOCK_DIR"] = str(Path(folder) / "locks")
         for name, trial in _chosen(options, Path(folder)).items():
-            results[name] = _dated(trial)
+            found = _dated(trial)
+            results = _results() | {name: found}  # another trial may have ended meanwhile
             RESULTS.write_text(json.dumps(results, indent=1) + "\n")
             write_report(results, ROOT / "docs" / "reliability.md")
             print(f"{name}: {'as it should be' if right(results[name]) else 'WRONG'}", flush=True)
@@ -52,6 +54,7 @@ def _chosen(options: argparse.Namespace, folder: Path) -> dict[str, Callable[[],
         "kill": lambda: kill_trial(folder, options.trials),
         "cut": lambda: cut_trial(folder, options.every),
         "disk": lambda: disk_trial(folder, max(options.trials // 5, 1)),
+        "wires": lambda: wire_trial(folder / "wires", max(options.trials // 12, 1)),
         "faults": lambda: _faults(options, folder / "faults"),
         "soak": lambda: soak_trial(_made(folder / "soak"), options.points),
     }
@@ -60,20 +63,27 @@ def _chosen(options: argparse.Namespace, folder: Path) -> dict[str, Callable[[],
 
 def _faults(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run the list, or what is missing of it; every result is kept at once."""
-    results: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-    kept = {_key(row): row for row in results.get("faults", {}).get("rows", ())} if options.missing else {}
+    kept = {_key(row): row for row in _results().get("faults", {}).get("rows", ())}
+    if not options.missing and not options.only:
+        kept = {}
     listed = [fault for fault in faults() if not options.only or options.only in f"{fault.device}: {fault.name}"]
-    chosen = [fault for fault in listed if (fault.device, fault.family, fault.name) not in kept]
+    old = kept.keys() if options.missing else ()
+    chosen = [fault for fault in listed if (fault.device, fault.family, fault.name) not in old]
 
     def keep(row: dict[str, Any]) -> None:
         kept[_key(row)] = row
         if options.verbose:
             print(row, flush=True)
+        results = _results()
         results.setdefault("faults", {"wrong": []})["rows"] = _in_order(kept)
         RESULTS.write_text(json.dumps(results, indent=1) + "\n")
 
     fault_trial(folder, chosen, keep)
     return {"wrong": [], "of": len(faults()), "rows": _in_order(kept)}
+
+
+def _results() -> dict[str, Any]:
+    return dict(json.loads(RESULTS.read_text())) if RESULTS.exists() else {}
 
 
 def _in_order(kept: dict[tuple[str, ...], dict[str, Any]]) -> list[dict[str, Any]]:
@@ -106,7 +116,8 @@ def _dated(trial: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trial", nargs="*", choices=[*TRIALS, []], help="all of them by default")
-    parser.add_argument("--trials", type=int, default=500, help="scans to kill; a fifth of it starves of disk")
+    scans = "scans to kill; a fifth of it starves of disk, a twelfth is killed on wires"
+    parser.add_argument("--trials", type=int, default=500, help=scans)
     parser.add_argument("--every", type=int, default=1, help="bytes between the cuts of the journal")
     parser.add_argument("--points", type=int, default=100_000, help="of the long scan")
     parser.add_argument("--folder", type=Path, default=None, help="where the runs go meanwhile")

@@ -30,7 +30,7 @@ def kill_trial(folder: Path, trials: int, seed: int = 1) -> dict[str, Any]:
         run = _fresh(folder, "killed")
         begun = False
         for _ in range(draw.randint(1, 3)):
-            process = _forked(lambda run=run: _scan(run))
+            process = forked(lambda run=run: _scan(run))
             goal = draw.uniform(0, length)
             killed = _kill_at(process, run / JOURNAL_NAME, goal, draw.uniform(0.0, 0.004))
             kills += killed
@@ -79,7 +79,7 @@ def disk_trial(folder: Path, trials: int, seed: int = 2) -> dict[str, Any]:
             os._exit(0 if bench.safe and not bench.wrong and end.outcome in ("finished", "faulted") else 3)
 
         try:
-            status = _status(_forked(starved))
+            status = status_of(forked(starved))
         except TimeoutError:
             wrong.append(f"trial {number}: hangs with a full disk")
             continue
@@ -105,7 +105,7 @@ def _scan(run: Path) -> None:
 
 
 def _finish(run: Path, expected: dict[int, Any], name: str) -> list[str]:
-    if _status(_forked(lambda: _scan(run))) != 0:
+    if status_of(forked(lambda: _scan(run))) != 0:
         return [f"{name}: cannot be resumed"]
     return _complete(run, expected, name)
 
@@ -121,7 +121,7 @@ def _fresh(folder: Path, name: str) -> Path:
     return run
 
 
-def _forked(work: Callable[[], None]) -> int:
+def forked(work: Callable[[], None]) -> int:
     """A child with everything imported; it must not return."""
     sys.stdout.flush()
     process = os.fork()
@@ -144,12 +144,20 @@ def _kill_at(process: int, journal: Path, goal: float, later: float) -> bool:
         if journal.exists() and journal.stat().st_size >= goal:
             break
         time.sleep(0.0005)
-    time.sleep(later)
+    return killed(process, time.monotonic() + later)
+
+
+def killed(process: int, moment: float) -> bool:
+    """Kill a child at a moment of the monotonic clock; False where it ended before."""
+    while (left := moment - time.monotonic()) > 0:
+        if os.waitpid(process, os.WNOHANG)[0]:
+            return False
+        time.sleep(min(left, 0.002))
     os.kill(process, signal.SIGKILL)
     return os.WIFSIGNALED(os.waitpid(process, 0)[1])
 
 
-def _status(process: int) -> int:
+def status_of(process: int) -> int:
     """Exit status of a child, which is killed after ten minutes."""
     deadline = time.monotonic() + 600.0
     while time.monotonic() < deadline:

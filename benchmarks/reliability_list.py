@@ -108,10 +108,15 @@ def wire_faults(device: str, arms: str = "main") -> list[Fault]:
         ("cable out for ten seconds", "disconnect", {**line, "seconds": 10.0}),
     ]
     if DRIVERS[arms, device] in ("AZ", "FEMTO", "Modbus I/O"):
-        made.append(("answered by an exception", "refuse_requests", line))
+        made.append(("answered by the exception busy", "refuse_requests", line))
+        made.append(("answered by the exception device failure", "deny_requests", line))
     if DRIVERS[arms, device] not in ("ESP301", "34465A"):  # nothing but their wire tells whose reply it is
         made.append(("another unit answers", "stray_reply", line))
-    return [Fault(name, device, action, given, "use", arms=arms) for name, action, given in made]
+    # A device that says that it has failed is believed: the point is given up.
+    lost = {"deny_requests": 1}
+    return [
+        Fault(name, device, action, given, "use", lost=lost.get(action, 0), arms=arms) for name, action, given in made
+    ]
 
 
 def motion_faults(axis: str, arms: str) -> list[Fault]:
@@ -137,7 +142,9 @@ def motion_faults(axis: str, arms: str) -> list[Fault]:
         ),
     ]
     if DRIVERS[arms, axis] == "AZ":
-        made.append(Fault("motion command answered by an exception", axis, "refuse_requests", command, "use", lost=1))
+        made.append(Fault("motion command answered by the exception busy", axis, "refuse_requests", command, "use"))
+        failure = "motion command answered by the exception device failure"
+        made.append(Fault(failure, axis, "deny_requests", command, "use", lost=1))
     else:
         made.append(
             Fault("motion command arrives with another number", axis, "mislead_requests", command, "use", lost=1)

@@ -42,8 +42,11 @@ EXCEPTIONS = {
     11: "gateway target does not respond",
 }
 
-#: Silence in s that ends the wait for late replies.
-QUIET = 0.06
+#: Exceptions that say "not now": the same request may succeed a little later.
+TRANSIENT = (5, 6)
+
+#: Silence in s that ends the wait for late replies; pause in s that a busy slave is given.
+QUIET, BUSY_PAUSE = 0.06, 0.05
 
 Client = ModbusSerialClient | ModbusTcpClient
 
@@ -271,9 +274,13 @@ class ModbusLine(SharedLine):
             self._suspect = True
             raise CommunicationError(device, f"{what} on line {self.name!r} was confirmed as {found}, not {expected}")
 
-    def _refused(self, device: str, what: str, reply: ModbusPDU) -> CommandRefused:
+    def _refused(self, device: str, what: str, reply: ModbusPDU) -> CommandRefused | CommunicationError:
         code = reply.exception_code
-        return CommandRefused(device, f"{what}: exception {code:02X}h, {EXCEPTIONS.get(code, 'unknown')}")
+        problem = f"{what}: exception {code:02X}h, {EXCEPTIONS.get(code, 'unknown')}"
+        if code not in TRANSIENT:
+            return CommandRefused(device, problem)
+        time.sleep(BUSY_PAUSE)
+        return CommunicationError(device, problem, "it may be asked again")
 
 
 def open_serial(name: str, form: ModbusSerialLineForm) -> ModbusLine:

@@ -129,12 +129,9 @@ class NewportSmc100:
             except CommunicationError as error:
                 raise self._stopped_after("PA", error) from error
             if abs(accepted - wanted) > self.tolerance * self._options.units_per_degree:
-                raise CommunicationError(
-                    self.name,
-                    f"the move to {target:g} degree was lost: the set-point is still "
-                    f"{self._scale.to_laboratory(accepted):g} degree",
-                    "the axis stands still; the move may be asked for again",
-                )
+                # Lost, or misread on its way by a line without checksums: then the arm moves to where nobody sent it.
+                found = f"the set-point is {self._scale.to_laboratory(accepted):g} degree instead of {target:g}"
+                raise self._stopped_after("PA", CommunicationError(self.name, found))
 
     def stop(self) -> None:
         """Decelerate and stop; returns once the controller has answered after it. May be repeated."""

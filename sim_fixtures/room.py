@@ -25,6 +25,8 @@ SMC100_ADDRESSES = {1: "sensor_azimuth", 2: "sensor_zenith"}
 AZ_ADDRESS, IO_ADDRESS = 1, 1
 #: The same arms once more, behind a controller of their own: a room uses either this line or the two others.
 ESP301_AXES = {1: "sensor_azimuth", 2: "sensor_zenith", 3: "illumination_zenith"}
+#: What a facility may have beside the arms, on a line of its own.
+STAGE_ADDRESSES = {1: "sample_rotation", 2: "polarizer"}
 _SERIAL = ("sensor-arms", "illumination-arm", "laser", "io", "esp301")
 
 #: Actions on a wire, and what they are called there.
@@ -32,6 +34,7 @@ WIRE_FAULTS = {
     "lose_requests": "lose",
     "mislead_requests": "mislead",
     "refuse_requests": "refuse",
+    "deny_requests": "deny",
     "drop_replies": "drop",
     "late_reply": "late",
     "corrupt_reply": "corrupt",
@@ -44,6 +47,8 @@ WIRE_FAULTS = {
 LINE_OF_ROLE = {
     "sensor_azimuth": "sensor-arms",
     "sensor_zenith": "sensor-arms",
+    "sample_rotation": "stages",
+    "polarizer": "stages",
     "illumination_zenith": "illumination-arm",
     "source": "laser",
     "selector": "laser",
@@ -74,10 +79,15 @@ class Room:
 
     def __init__(self, bench: Bench, folder: Path) -> None:
         self.bench = bench
-        self._lines = {name: SerialLine(folder / f"{name}.tty") for name in _SERIAL}
+        stages = {address: name for address, name in STAGE_ADDRESSES.items() if name in bench.axes}
+        names = (*_SERIAL, "stages") if stages else _SERIAL
+        self._lines = {name: SerialLine(folder / f"{name}.tty") for name in names}
         self._chain, self._bus = Smc100Chain(bench, SMC100_ADDRESSES), Interbus(bench)
         self._drive, self._io = AzDrive(bench, "illumination_zenith", AZ_ADDRESS), IoModule(bench, IO_ADDRESS)
         self._esp301 = Esp301(bench, ESP301_AXES)
+        self._stages = Smc100Chain(bench, stages)
+        if stages:
+            self._lines["stages"].serve(self._stages)
         self._lines["sensor-arms"].serve(self._chain)
         self._lines["esp301"].serve(self._esp301)
         self._lines["laser"].serve(self._bus)
@@ -123,7 +133,8 @@ class Room:
         ``limit_switch`` axis, direction             -1 or 1 closes a limit switch, 0 releases it
         ``lose_requests`` device, count, only        requests (that contain ``only``) that never arrive
         ``mislead_requests`` device, count, only     requests that arrive with another digit (text)
-        ``refuse_requests`` device, count, only      requests that are answered by an exception (Modbus)
+        ``refuse_requests`` device, count, only      requests that are answered by "busy" (Modbus)
+        ``deny_requests`` device, count, only        requests that are answered by "device failure" (Modbus)
         ``drop_replies`` device, count               replies that never arrive
         ``late_reply`` device, count, delay          replies that arrive ``delay`` wall-clock seconds late
         ``corrupt_reply`` device, count              replies with a garbled byte
@@ -191,7 +202,7 @@ class Room:
     def _alarm(self, axis: str) -> None:
         with self.bench.lock:
             self._esp301.fault(self._axis(axis))
-            controller = self._chain.of_axis(axis)
+            controller = self._chain.of_axis(axis) or self._stages.of_axis(axis)
             if controller is not None:
                 controller.fault("following error")
             else:

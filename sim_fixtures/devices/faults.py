@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 #: Faults of requests, and of replies.
-REQUESTS = ("lose", "mislead", "refuse")
+REQUESTS = ("lose", "mislead", "refuse", "deny")
 REPLIES = ("drop", "corrupt", "late", "split", "merge", "stray")
 
 Change = Callable[[bytes], bytes]
@@ -18,7 +18,8 @@ class Faults:
     ============ ==========================================================================================
     ``lose``     the request never arrives
     ``mislead``  the request arrives as another valid one: a digit is changed (text without a checksum)
-    ``refuse``   the request is answered by an exception instead of being carried out (Modbus)
+    ``refuse``   the request is answered by "busy" instead of being carried out (Modbus exception 06h)
+    ``deny``     the request is answered by "device failure" (Modbus exception 04h)
     ``drop``     the reply never arrives
     ``corrupt``  one byte of the reply is garbled
     ``late``     the reply comes after :attr:`delay`
@@ -32,8 +33,8 @@ class Faults:
     delay
         Wall-clock s of ``late`` and ``split``.
     change
-        What a line's protocol makes of a reply or a request, by the name of the fault: ``mislead``, ``refuse`` and
-        ``stray`` exist where there is one.
+        What a line's protocol makes of a reply or a request, by the name of the fault: ``mislead``, ``refuse``,
+        ``deny`` and ``stray`` exist where there is one.
     """
 
     def __init__(self) -> None:
@@ -59,7 +60,7 @@ class Faults:
         """
         if kind not in self._left:
             raise ValueError(f"fault: found {kind!r}; expected one of {', '.join(self._left)}")
-        if kind in ("mislead", "refuse", "stray") and kind not in self.change:
+        if kind in ("mislead", "refuse", "deny", "stray") and kind not in self.change:
             raise ValueError(f"fault: {kind!r} does not exist on this line")
         with self._lock:
             self._left[kind] = int(count)
@@ -82,7 +83,10 @@ class Faults:
 
     def refusal(self, request: bytes) -> bytes:
         """The exception that answers a request; empty where it is carried out."""
-        return self.change["refuse"](request) if self._takes("refuse", request) else b""
+        for kind in ("refuse", "deny"):
+            if self._takes(kind, request):
+                return self.change[kind](request)
+        return b""
 
     def apply(self, reply: bytes) -> list[tuple[float, bytes]]:
         """The reply as it arrives: pieces, each after so many wall-clock seconds; none when it is lost."""

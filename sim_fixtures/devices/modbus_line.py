@@ -11,6 +11,7 @@ import logging
 import os
 import threading
 import tty
+from functools import partial
 
 from pymodbus.framer import FramerType
 from pymodbus.server import ModbusSerialServer
@@ -38,7 +39,9 @@ class ModbusLine:
     def __init__(self, line: SerialLine, slaves: list[SimDevice], baudrate: int = 115200) -> None:
         self._line, self._slaves, self._baudrate = line, slaves, baudrate
         self._units = {slave.id for slave in slaves}
-        line.faults.change.update(refuse=_busy, stray=_of_next_unit)
+        line.faults.change.update(
+            refuse=partial(_exception, code=6), deny=partial(_exception, code=4), stray=_of_next_unit
+        )
         self._inner, far = os.openpty()
         tty.setraw(far)
         self._port = os.ttyname(far)
@@ -107,9 +110,8 @@ class ModbusLine:
             await self._server.shutdown()
 
 
-def _busy(request: bytes) -> bytes:
-    """The exception "server device busy" (06h) to a request."""
-    return _framed(bytes([request[0], request[1] | 0x80, 6]))
+def _exception(request: bytes, code: int) -> bytes:
+    return _framed(bytes([request[0], request[1] | 0x80, code]))
 
 
 def _of_next_unit(reply: bytes) -> bytes:

@@ -190,3 +190,13 @@ def test_a_late_reply_of_the_same_length_is_not_taken_for_the_next_one(
     # Asked again at once, the late reply would come before the one that was asked for.
     with line_to(converse((request, Late(0.8, reply)), (second, Late(0.4, closed))), timeout=0.5) as line:
         assert not shutter(line, feedback_input=None).is_open()
+
+
+def test_a_busy_module_is_asked_again_and_one_that_has_failed_is_believed(converse: Converse) -> None:
+    question = rtu("01 02 00 00 00 08")
+    busy, failed = (question, rtu("01 82 06")), (question, rtu("01 82 04"))
+    with line_to(converse(busy, inputs(0b10), failed)) as line:
+        device = shutter(line)
+        assert device.is_open()
+        with pytest.raises(CommandRefused, match="exception 04h, device failure"):
+            device.is_open()

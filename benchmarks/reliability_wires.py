@@ -1,0 +1,177 @@
+"""Scans of a laboratory on real wires that are killed (SIGKILL) at random moments and resumed.
+
+The laboratory, its source's watchdog included, lives in a process of its own and goes on while nobody drives it; the
+scan speaks to it over pseudo-terminals and TCP, as to hardware.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from reliability_crash import forked, killed, status_of
+from reliability_faults import CLOSE, PLAN
+from reliability_list import AXES
+
+from instrument.events import Event, PointMeasured
+from instrument.journal import JOURNAL_NAME, read_journal
+from instrument.session import ScanRequest, ScanSession
+from instrument.settings import ScanSettings
+from sim_fixtures.control import ControlClient
+from sim_fixtures.laboratory import SimulatedLaboratory, SimulatedOperator, start_simulated
+
+SPEED = 200.0
+#: Wall-clock s after which the source goes dark by itself, and the extra that a busy machine gets.
+WATCHDOG, PATIENCE = 2, 1.0
+SETTINGS = ScanSettings(dwell=5.0, keep_alive_wall=0.5, look_wall=0.5, relight="self", disk_reserve=0.0)
+#: What two readings of one point may differ by, relative: several times the noise of the simulated detector.
+ALIKE = 0.02
+#: Exit status of a scan that recorded an arm where it was not.
+LIED = 5
+
+
+def wire_trial(folder: Path, runs: int, seed: int = 3, most_kills: int = 2) -> dict[str, Any]:
+    """Kill scans, look at the laboratory that is left alone, and let them finish.
+
+    Parameters
+    ----------
+    runs, most_kills
+        Scans, and how often each is killed at most.
+    """
+    draw = random.Random(seed)
+    found: dict[str, Any] = {"trials": runs, "watchdog_s": WATCHDOG, "wrong": []}
+    found |= {"kills": 0, "emitting": 0, "moving": 0, "dark_after_s": 0.0}
+    folder.mkdir(parents=True)
+    (folder / "plan.toml").write_text(PLAN)
+    (folder / "laboratory").mkdir()
+    with start_simulated(folder / "laboratory", speed=SPEED, flux="lambertian") as laboratory:
+        _quicken(laboratory)
+        began = time.monotonic()
+        status = _end(folder / "whole", folder, laboratory)
+        took = time.monotonic() - began
+        if status:
+            return found | {"wrong": [f"the uninterrupted scan ended with {status}"]}
+        expected = _currents(folder / "whole")
+        for number in range(runs):
+            run = folder / f"run-{number}"
+            for _ in range(draw.randint(1, most_kills)):
+                if not _kill(run, folder, laboratory, draw.uniform(0.3, took), found):
+                    break
+            _finish(run, folder, laboratory, expected, found["wrong"])
+    return found
+
+
+def _kill(run: Path, folder: Path, laboratory: SimulatedLaboratory, moment: float, found: dict[str, Any]) -> bool:
+    """Kill a scan after so many seconds; False where it ended before. Then the laboratory has to end safe by itself."""
+    process = forked(lambda: _scan(run, folder, laboratory))
+    if not killed(process, time.monotonic() + moment):
+        return False
+    state, began = laboratory.control("state"), time.monotonic()
+    found["kills"] += 1
+    found["emitting"] += state["emission"]
+    found["moving"] += any(axis["moving"] for axis in state["axes"].values())
+    while state["emission"] and time.monotonic() - began < WATCHDOG + PATIENCE:
+        time.sleep(0.02)
+        state = laboratory.control("state")
+    found["dark_after_s"] = round(max(found["dark_after_s"], time.monotonic() - began), 2)
+    if state["emission"]:
+        found["wrong"].append(f"{run.name}: the source still emits after {WATCHDOG + PATIENCE:g} s")
+    if any(axis["moving"] for axis in state["axes"].values()):
+        # A motion command already on its way is carried out; it leads along a checked path and then ends.
+        time.sleep(20.0 / SPEED)
+        axes = laboratory.control("state")["axes"]
+        if any(axis["moving"] for axis in axes.values()):
+            found["wrong"].append(f"{run.name}: an arm still moves")
+    return True
+
+
+def _finish(
+    run: Path, folder: Path, laboratory: SimulatedLaboratory, expected: dict[int, float], wrong: list[str]
+) -> None:
+    if status := _end(run, folder, laboratory):
+        wrong.append(f"{run.name}: " + ("an arm was not where it was recorded" if status == LIED else "not finished"))
+        return
+    state = laboratory.control("state")
+    if state["emission"] or state["shutter_open"] or any(axis["moving"] for axis in state["axes"].values()):
+        wrong.append(f"{run.name}: no safe end")
+    lines = (run / JOURNAL_NAME).read_bytes().splitlines()
+    indices = sorted(record["index"] for record in map(json.loads, lines) if record["kind"] == "point")
+    if indices != sorted(expected):
+        wrong.append(f"{run.name}: points {indices}")
+    currents = _currents(run)
+    wrong += [
+        f"{run.name}: point {index} reads {currents[index]:.4g} A instead of {value:.4g}"
+        for index, value in expected.items()
+        if index in currents and abs(currents[index] / value - 1.0) > ALIKE
+    ]
+
+
+def _quicken(laboratory: SimulatedLaboratory) -> None:
+    """A watchdog that does not keep the trial waiting."""
+    devices = laboratory.inputs.devices
+    text = devices.read_text()
+    if "watchdog = 20" not in text:
+        raise RuntimeError(f"{devices}: no watchdog to be set")
+    devices.write_text(text.replace("watchdog = 20", f"watchdog = {WATCHDOG}"))
+
+
+def _end(run: Path, folder: Path, laboratory: SimulatedLaboratory) -> int:
+    return status_of(forked(lambda: _scan(run, folder, laboratory)))
+
+
+def _scan(run: Path, folder: Path, laboratory: SimulatedLaboratory) -> None:
+    """Begin a scan or go on with it; every point is compared with where the arms truly stand."""
+    control = ControlClient(laboratory.endpoints["control"])
+    devices, facility = laboratory.inputs.devices, laboratory.inputs.facility
+    # A folder that was made without a single line of a journal holds no run yet.
+    begun = (run / JOURNAL_NAME).exists() and b"\n" in (run / JOURNAL_NAME).read_bytes()
+    request = (
+        ScanRequest(resume=run, devices=devices, twin=False)
+        if begun
+        else ScanRequest(plan=folder / "plan.toml", devices=devices, facility=facility, out=_free(run), twin=False)
+    )
+    with ExitStack() as stack:
+        session = ScanSession(request, SimulatedOperator(control), SETTINGS)
+        stack.enter_context(session)
+        lies = _watch(session, control)
+        session.start()
+        end = session.wait(300.0)
+    if lies:
+        os._exit(LIED)
+    if end is None or end.outcome != "finished":
+        raise RuntimeError(f"{end}")
+
+
+def _free(run: Path) -> Path:
+    if run.exists() and not (run / JOURNAL_NAME).exists():
+        return run
+    if run.exists():
+        (run / JOURNAL_NAME).unlink()
+    return run
+
+
+def _watch(session: ScanSession, control: ControlClient) -> list[str]:
+    publish, lies = session.bus.publish, []
+
+    def watched(event: Event) -> None:
+        publish(event)
+        if isinstance(event, PointMeasured):
+            axes = control("state")["axes"]
+            off = {name: axes[name]["true_position"] - getattr(event.geometry, name) for name in AXES}
+            lies.extend(f"{name}: {by:+.3f}" for name, by in off.items() if abs(by) > CLOSE)
+
+    session.bus.publish = watched  # type: ignore[method-assign]
+    return lies
+
+
+def _currents(run: Path) -> dict[int, float]:
+    """Photocurrent (A) of every point at the source's full power."""
+    return {
+        index: (sum(point["signal"]) / len(point["signal"]) - point["dark"]) / point["gain"] / point["source_power"]
+        for index, point in read_journal(run).points.items()
+    }
