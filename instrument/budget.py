@@ -2,7 +2,8 @@
 
 Every row is a relative standard uncertainty (k = 1). A pair runs from the best to the worst geometry, as
 a + (b - a) r with r = (|sensor zenith|/80)^2; r = |sensor zenith|/80 for detector linearity and r = |illumination
-zenith|/60 for the illumination zenith (data contract, section Facility).
+zenith|/60 for the illumination zenith (data contract, section Facility). A row that ``facility.toml`` leaves to the
+samples or to the slope of what is measured has its value from there (``docs/measurement.md``).
 """
 
 from __future__ import annotations
@@ -36,7 +37,11 @@ WORST_ILLUMINATION_ZENITH = 60.0
 
 
 def point_budget(
-    budget: Budget, illumination_zenith: ArrayLike, sensor_zenith: ArrayLike, brf: ArrayLike
+    budget: Budget,
+    illumination_zenith: ArrayLike,
+    sensor_zenith: ArrayLike,
+    brf: ArrayLike,
+    found: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, FloatArray]:
     """Absolute standard uncertainty of every component at every point.
 
@@ -48,6 +53,9 @@ def point_budget(
         Degree, shape (point,).
     brf
         Bidirectional reflectance factor, shape (point,).
+    found
+        Absolute standard uncertainties, shape (point,), of rows that the budget leaves to the samples or to the
+        slope; such a row counts as 0 where it is not among them.
 
     Returns
     -------
@@ -65,6 +73,9 @@ def point_budget(
     result = {}
     for row, name in COMPONENTS.items():
         given = getattr(budget, row)
+        if isinstance(given, str):
+            result[name] = np.abs(np.broadcast_to((found or {}).get(row, 0.0), factor.shape)).astype(float)
+            continue
         best, worst = given if isinstance(given, tuple) else (given, given)
         result[name] = (best + (worst - best) * progress.get(row, obliquity**2)) * np.abs(factor)
     return result

@@ -76,7 +76,9 @@ def calibration_numbers(indices: Iterable[int]) -> list[int]:
     return numbers
 
 
-def photocurrent(signal: ArrayLike, dark: ArrayLike, gain: ArrayLike) -> Photocurrent:
+def photocurrent(
+    signal: ArrayLike, dark: ArrayLike, gain: ArrayLike, dark_signal: ArrayLike | None = None
+) -> Photocurrent:
     """Photocurrent of bursts of readings: (mean signal - dark)/gain.
 
     Parameters
@@ -87,12 +89,25 @@ def photocurrent(signal: ArrayLike, dark: ArrayLike, gain: ArrayLike) -> Photocu
         V, shape (point,).
     gain
         V/A, shape (point,).
+    dark_signal
+        The samples that ``dark`` is the mean of, V, shape (point, sample), where they are known: their scatter then
+        counts as well.
     """
     volts = np.atleast_2d(np.asarray(signal, dtype=float))
-    samples = volts.shape[-1]
-    scatter = volts.std(axis=-1, ddof=1) / np.sqrt(samples) if samples > 1 else np.full(volts.shape[0], np.nan)
+    scatter = standard_error(volts)
+    if dark_signal is not None:
+        without_light = standard_error(np.atleast_2d(np.asarray(dark_signal, dtype=float)))
+        scatter = np.hypot(scatter, np.nan_to_num(without_light))
     amplification = np.asarray(gain, dtype=float)
     return Photocurrent((volts.mean(axis=-1) - np.asarray(dark, dtype=float)) / amplification, scatter / amplification)
+
+
+def standard_error(samples: FloatArray) -> FloatArray:
+    """Standard error of the mean along the last axis; nan of a single sample."""
+    count = samples.shape[-1]
+    if count < 2:
+        return np.full(samples.shape[:-1], np.nan)
+    return np.asarray(samples.std(axis=-1, ddof=1) / np.sqrt(count))
 
 
 def brf_from_readings(

@@ -12,6 +12,7 @@ from instrument.calibration import Photocurrent, brf_from_readings, calibration_
 from instrument.errors import InputError
 from instrument.events import Geometry
 from instrument.facility import Facility
+from instrument.quality.slopes import ANGLES, AngleTerm, Slope, angle_terms
 
 
 class Evaluator:
@@ -26,6 +27,8 @@ class Evaluator:
         self._facility, self._points = facility, points
         self._references: list[dict[str, Any]] = []
         self._per_ampere: dict[Geometry, float] = {}
+        #: Relative angle terms by row, as far as the flux alone tells them: neighbours are not measured yet.
+        self._flux_terms: dict[Geometry, dict[str, float]] = {}
 
     def add_reference(self, index: int, geometry: Geometry, record: Mapping[str, Any]) -> None:
         """Take in one reading of the reference sample (a record of the journal)."""
@@ -35,6 +38,8 @@ class Evaluator:
     def brf(self, geometry: Geometry, record: Mapping[str, Any]) -> tuple[float, float]:
         """Reflectance factor of a reading at a point of the plan, and its combined standard uncertainty.
 
+        Angle terms that the budget leaves to the slope lack that of the reflectance factor until the run is made.
+
         Raises
         ------
         InputError
@@ -42,9 +47,14 @@ class Evaluator:
         """
         if geometry not in self._per_ampere:
             self._prepare(geometry.wavelength)
-        reading = photocurrent([record["signal"]], [record["dark"]], [record["gain"]])
+        dark = record.get("dark_signal")
+        reading = photocurrent([record["signal"]], [record["dark"]], [record["gain"]], None if not dark else [dark])
         brf = self._per_ampere[geometry] * float(reading.current[0])
-        parts = point_budget(self._facility.budget, [geometry.illumination_zenith], [geometry.sensor_zenith], [brf])
+        budget = self._facility.budget
+        found = {row: brf * share for row, share in self._flux_terms[geometry].items()}
+        if budget.measurement_noise == "samples":
+            found["measurement_noise"] = brf * float(reading.standard_error[0] / reading.current[0])
+        parts = point_budget(budget, [geometry.illumination_zenith], [geometry.sensor_zenith], [brf], found)
         return brf, float(combined(parts)[0])
 
     def _prepare(self, wavelength: float) -> None:
@@ -69,3 +79,12 @@ class Evaluator:
             illumination_azimuth=[point.illumination_azimuth for point in points],
         )
         self._per_ampere.update(zip(points, calibrated.brf.tolist(), strict=True))
+        terms = {row: term.signed.tolist() for row, term in self._angle_terms(points).items()}
+        for number, point in enumerate(points):
+            self._flux_terms[point] = {row: values[number] for row, values in terms.items()}
+
+    def _angle_terms(self, points: Sequence[Geometry]) -> dict[str, AngleTerm]:
+        names = (*ANGLES, "illumination_azimuth")
+        columns = {name: np.array([getattr(point, name) for point in points]) for name in names}
+        flat = Slope(np.zeros(len(points)), np.ones(len(points), dtype=bool))
+        return angle_terms(self._facility, columns, np.ones(len(points)), dict.fromkeys(ANGLES, flat))

@@ -13,6 +13,8 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from instrument.beam_image import BeamImage, read_beam_image
 from instrument.forms import Form, read_form
+from instrument.quality.budget_rows import Correlations, DegreesOfFreedom, FromSamples, FromSlope
+from instrument.reference_standard import ReferenceStandard
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -183,27 +185,44 @@ class SamplePlacement(Form):
 
 
 class Reference(Form):
-    """The reference measurement before each run."""
+    """The reference measurement before each run, and every so many minutes during it (0: never).
+
+    ``certificate`` names the file of the standard's certificate (``docs/calibration.md``), or holds it: then the
+    certificate says the reflectance factor and its uncertainty at each wavelength.
+    """
 
     illumination_zenith: float = 0.0
     sensor_zenith: float = 15.0
     sensor_azimuth: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0, 45.0, 90.0, 135.0)
     reflectance_factor: Positive
     u_relative: Relative
+    repeat_minutes: NonNegative = 0.0
+    certificate: str | ReferenceStandard | None = None
+
+    @property
+    def standard(self) -> ReferenceStandard | None:
+        """The certificate; None where there is none."""
+        if isinstance(self.certificate, str):
+            raise ValueError(f"the certificate of the reference, {self.certificate}, was not read; use read_facility")
+        return self.certificate
 
 
 class Budget(Form):
-    """Relative standard uncertainties of the BRF; pairs run from the best to the worst geometry."""
+    """Relative standard uncertainties of the BRF; pairs run from the best to the worst geometry.
 
-    measurement_noise: Budgeted = 0.0
+    Words in place of numbers say where a row comes from (``docs/measurement.md``): an angle that ``arms`` gives an
+    uncertainty to, and that no number stands for, counts with the slope of what is measured.
+    """
+
+    measurement_noise: Budgeted | FromSamples = 0.0
     instrument_stability: Budgeted = 0.0
     wavelength: Budgeted = 0.0
     straylight: Budgeted = 0.0
     detector_linearity: Budgeted = 0.0
     beam_and_placement: Budgeted = 0.0
-    illumination_zenith: Budgeted = 0.0
-    sensor_zenith: Budgeted = 0.0
-    sensor_azimuth: Budgeted = 0.0
+    illumination_zenith: Budgeted | FromSlope = "slope"
+    sensor_zenith: Budgeted | FromSlope = "slope"
+    sensor_azimuth: Budgeted | FromSlope = "slope"
     surface_level: Budgeted = 0.0
     polarization: Budgeted = 0.0
     reference_material: Budgeted = 0.0
@@ -219,6 +238,8 @@ class Facility(Form):
     sample: SamplePlacement
     reference: Reference
     budget: Budget
+    correlation: Correlations = Correlations()
+    degrees_of_freedom: DegreesOfFreedom = DegreesOfFreedom()
 
 
 #: Stands in where no facility is named: arms of full travel, the paper's cone and reference geometry.
@@ -234,7 +255,7 @@ UNKNOWN_FACILITY = Facility(
 
 
 def read_facility(path: Path) -> Facility:
-    """Read ``facility.toml`` and the picture of the beam that it may name.
+    """Read ``facility.toml``, the picture of the beam and the certificate of the reference that it may name.
 
     Raises
     ------
@@ -242,6 +263,11 @@ def read_facility(path: Path) -> Facility:
         Naming file and every wrong key.
     """
     facility = read_form(path, Facility)
+    certificate = facility.reference.certificate
+    if isinstance(certificate, str):
+        standard = read_form(path.parent / certificate, ReferenceStandard)
+        reference = facility.reference.model_copy(update={"certificate": standard})
+        facility = facility.model_copy(update={"reference": reference})
     beam = facility.beam
     if beam.image is None:
         return facility

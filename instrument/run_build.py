@@ -11,21 +11,19 @@ import numpy as np
 import xarray as xr
 
 from instrument.angles import FloatArray
-from instrument.budget import combined, point_budget
 from instrument.calibration import Photocurrent, brf_from_readings, calibration_numbers, photocurrent
 from instrument.errors import InputError
 from instrument.facility import Facility
 from instrument.forms import parse_form, parse_toml
 from instrument.journal import JournalContent, read_journal
+from instrument.quality.bursts import MOST, SIGNIFICANCE, outliers
+from instrument.run_budget import add_budget
 from instrument.run_schema import RUN
 from instrument.run_write import described
 
 Record = Mapping[str, Any]
 #: Axes whose read-backs a run file holds.
 AXES = ("illumination_zenith", "sensor_zenith", "sensor_azimuth")
-#: How the errors of a component belong together along ``point``, after obsarray; instrument stability is not
-#: among them, since nobody knows how a day's remounting correlates over the points of a scan.
-_RANDOM, _UNSTATED = ("u_brf_noise",), ("u_brf_stability",)
 
 
 def build_run(
@@ -69,7 +67,8 @@ def build_run(
     used = _used_sets(rows, references, sets)
     dataset["point_reference_set"] = ("point", used, {"long_name": "calibration that the point is scaled with"})
     _calibrate(dataset, facility)
-    _add_budget(dataset, facility)
+    _count_outliers(dataset)
+    add_budget(dataset, facility)
     dataset.attrs = _attributes(header, facility, journal_digest)
     dataset = dataset.set_coords([name for name, variable in RUN.items() if variable.coordinate])
     return described(dataset, RUN)
@@ -122,6 +121,7 @@ def _points(rows: Sequence[Record]) -> dict[str, Any]:
     columns["signal"] = (("point", "sample"), _signals(rows, "points"))
     columns["dark"] = ("point", _column(rows, "dark"))
     columns["gain"] = ("point", _column(rows, "gain"))
+    columns |= _dark_samples(rows, ("point", "dark_sample"), "dark_signal")
     columns["quality_flag"] = ("point", np.array([row.get("quality_flag", 0) for row in rows], dtype=np.int8))
     columns["plan_index"] = ("point", np.array([row["index"] for row in rows]), {"long_name": "index in the plan"})
     for axis in AXES:
@@ -147,8 +147,18 @@ def _points(rows: Sequence[Record]) -> dict[str, Any]:
     return columns
 
 
+def _dark_samples(rows: Sequence[Record], dims: tuple[str, str], name: str) -> dict[str, Any]:
+    """Samples without light, where every record has as many of them."""
+    counts = {len(row.get("dark_signal") or ()) for row in rows}
+    if len(counts) != 1 or 0 in counts:
+        return {}
+    volts = np.array([row["dark_signal"] for row in rows], dtype=float)
+    return {name: (dims, volts, {"units": "V", "long_name": "samples with the shutter closed"})}
+
+
 def _references(rows: Sequence[Record]) -> dict[str, Any]:
-    return {
+    dark = _dark_samples(rows, ("reference", "reference_dark_sample"), "reference_dark_signal")
+    return dark | {
         "reference_signal": (("reference", "sample"), _signals(rows, "reference readings")),
         "reference_sensor_azimuth": ("reference", _column([row["geometry"] for row in rows], "sensor_azimuth")),
         "reference_wavelength": (
@@ -173,8 +183,8 @@ def _used_sets(rows: Sequence[Record], references: Sequence[Record], sets: np.nd
 
 
 def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
-    reading = photocurrent(dataset["signal"].values, dataset["dark"].values, dataset["gain"].values)
-    reference = photocurrent(*(dataset[f"reference_{name}"].values for name in ("signal", "dark", "gain")))
+    reading = _photocurrent(dataset, "")
+    reference = _photocurrent(dataset, "reference_")
     brf, standard_error = np.empty(dataset.sizes["point"]), np.empty(dataset.sizes["point"])
     groups = np.stack([dataset["point_reference_set"].values, dataset["wavelength"].values])
     for number, wavelength in np.unique(groups, axis=1).T:
@@ -198,33 +208,29 @@ def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
         dataset["brf_standard_error"] = (
             "point",
             standard_error,
-            {"units": "1", "long_name": "standard error of brf from the scatter of its samples; not in the budget"},
+            {"units": "1", "long_name": "standard error of brf from the scatter of its samples"},
         )
 
 
-def _add_budget(dataset: xr.Dataset, facility: Facility) -> None:
-    components = point_budget(
-        facility.budget,
-        dataset["illumination_zenith"].values,
-        dataset["sensor_zenith"].values,
-        dataset["brf"].values,
-    )
-    for name, values in components.items():
-        dataset[name] = ("point", values, _correlation(name))
-    dataset["brf"].attrs["unc_comps"] = list(components)
-    dataset["u_brf"] = ("point", combined(components))
+def _photocurrent(dataset: xr.Dataset, of: str) -> Photocurrent:
+    dark = dataset[f"{of}dark_signal"].values if f"{of}dark_signal" in dataset else None
+    signal, mean_dark, gain = (dataset[f"{of}{name}"].values for name in ("signal", "dark", "gain"))
+    return photocurrent(signal, mean_dark, gain, dark)
 
 
-def _correlation(name: str) -> dict[str, Any]:
-    attributes: dict[str, Any] = {"pdf_shape": "gaussian"}
-    if name not in _UNSTATED:
-        attributes |= {
-            "err_corr_1_dim": "point",
-            "err_corr_1_form": "random" if name in _RANDOM else "systematic",
-            "err_corr_1_params": np.zeros(0),
-            "err_corr_1_units": np.zeros(0),
-        }
-    return attributes
+def _count_outliers(dataset: xr.Dataset) -> None:
+    """How many samples of every burst the outlier test accuses; they stay where they are, and in the means."""
+    for name, signal, when in (("outliers", "signal", "with light"), ("dark_outliers", "dark_signal", "in the dark")):
+        if signal in dataset:
+            dataset[name] = (
+                "point",
+                outliers(dataset[signal].values).sum(axis=-1).astype(np.int8),
+                {
+                    "units": "1",
+                    "long_name": f"samples {when} that are outliers of their burst; they are kept",
+                    "test": f"generalised extreme studentised deviate, at most {MOST}, significance {SIGNIFICANCE:g}",
+                },
+            )
 
 
 def _attributes(header: Record, facility: Facility, journal_digest: str | None) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from instrument.facility import Budgeted
+from instrument.quality.budget_rows import FromSamples
 from sim_fixtures.bench.clock import Time
 
 #: Readings whose mean the budget's row "measurement noise" is about.
@@ -90,8 +91,10 @@ class Noise:
     order of threads or on the wall clock: a run that sends the same commands reads the same values.
     """
 
-    def __init__(self, seed: int, measurement_noise: Budgeted, electronics: Electronics) -> None:
+    def __init__(self, seed: int, measurement_noise: Budgeted | FromSamples, electronics: Electronics) -> None:
         self._seed, self._electronics = seed, electronics
+        if isinstance(measurement_noise, str):  # the facility leaves it to the samples; something has to scatter
+            measurement_noise = electronics.reference_noise / math.sqrt(READINGS_OF_A_POINT)
         pair = measurement_noise if isinstance(measurement_noise, tuple) else (measurement_noise,) * 2
         self._best, self._worst = pair
         self._count: Counter[tuple[object, ...]] = Counter()

@@ -226,7 +226,10 @@ class _Normal:
         return float(draw) * standard_deviation
 
 
-def _worst(row: Budgeted) -> float:
+def _worst(row: Budgeted | str) -> float:
+    """Largest relative uncertainty of a row; without bound where the facility leaves it to samples or slopes."""
+    if isinstance(row, str):
+        return float("inf")
     return max(row) if isinstance(row, tuple) else row
 
 
