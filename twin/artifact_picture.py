@@ -74,20 +74,36 @@ def _draw(
         if not len(chosen):
             continue
         surface = pyvista.PolyData(vertices, np.insert(chosen, 0, 3, axis=1).ravel())
-        plotter.add_mesh(surface, color=colour, ambient=0.3, diffuse=0.75, specular=0.0)
-        if label != Surface.OUTSIDE:
-            legend.append([name, colour])
-    plotter.add_legend(legend, bcolor="white", border=False, size=(0.2, 0.2), loc="upper right", face="rectangle")
+        plotter.add_mesh(surface, color=colour, ambient=0.45, diffuse=0.6, specular=0.0)
+        legend.append((name, colour))
     plotter.enable_anti_aliasing("ssaa")
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    reach = float(np.linalg.norm(high - low))
-    middle = (low + high) / 2
-    away = reach * np.array([0.68, -0.82, 0.92])
-    plotter.camera_position = [tuple(middle + away), tuple(middle), (0.0, 0.0, 1.0)]
+    plotter.view_vector((0.68, -0.82, 0.92), viewup=(0.0, 0.0, 1.0))  # the whole solid, whatever its size
+    plotter.camera.zoom(1.1)
     try:
-        plotter.screenshot(str(path))
+        image = plotter.screenshot(None, return_img=True)
     finally:
         plotter.close()
+    extent = vertices.max(axis=0) - vertices.min(axis=0)
+    title = " × ".join(f"{length:.4g}" for length in extent) + " mm"
+    _annotate(np.asarray(image), legend, title, path)
+
+
+def _annotate(image: NDArray[np.uint8], legend: list[tuple[str, str]], title: str, path: Path) -> None:
+    """Write what the colours are beside the picture, and its size below."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    dots = 100
+    figure = Figure(figsize=(image.shape[1] / dots, image.shape[0] / dots), dpi=dots)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(image)
+    axes.set_axis_off()
+    patches = [Patch(facecolor=colour, edgecolor="none", label=name) for name, colour in legend]
+    axes.legend(handles=patches, loc="upper right", fontsize=13, frameon=False)
+    axes.text(0.02, 0.03, title, transform=axes.transAxes, fontsize=13)
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=dots)
 
 
 def cut_open(mesh: SurfaceMesh) -> tuple[FloatArray, IntArray, IntArray]:

@@ -9,7 +9,8 @@ holds no Monte Carlo error, however few sight lines were traced.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,105 +19,24 @@ from instrument.angles import FloatArray
 from twin.cluster import spread
 from twin.propagation_designs import ROWS, STEP, Design, designs
 from twin.propagation_render import Evaluation, PlanRenderer
+from twin.propagation_result import Propagation, relative_error, squares, variance_error
+
+__all__ = ["DRAW_SAMPLES", "Progress", "Propagation", "by_draws", "by_sensitivities", "evaluate", "squares"]
 
 #: Sight lines of a point in the first round, and at most.
 _FIRST, _MOST = 256, 2**17
 #: Each round gives the designs that limit the accuracy so many times more sight lines.
 _MORE = 4
+#: Points whose own error is so many times the tolerance are rendered anew, alone and with more sight lines each time: a
+#: few joints of much weight can spoil a point while the median is good. So often, and at most this part of all points.
+_WEAK, _MENDS, _FEW = 2.0, 3, 0.25
 #: Draws that are evaluated in one go.
 _CHUNK = 10
+#: Sight lines of a point in a draw. The ray tracer's noise then adds a third to the scatter of the variance, nothing to
+#: its mean; with twice as many the same time would hold a third fewer draws.
+DRAW_SAMPLES = 512
 #: Told what is being done, how much of it is done, and how much there is.
 Progress = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True)
-class Propagation:
-    """Uncertainty of the reflectance factors from the inputs.
-
-    Attributes
-    ----------
-    variance
-        By source, shape (point,) each: squared standard uncertainties (k = 1), free of Monte Carlo error in the mean.
-        Estimates of a variance near 0 can be negative.
-    factor, shape (point, component)
-        The covariance between points is ``factor @ factor.T``, less ``noise`` on its diagonal.
-    noise, shape (point,)
-        What the ray tracer adds to the diagonal.
-    u_error, shape (point,)
-        Relative standard error of ``u``.
-    mean_shift, shape (point,)
-        Expected value over the inputs less the value at the nominal inputs.
-    brf, shape (point,)
-        At the nominal inputs, with the ray tracer's noise.
-    sensitivity, sensitivity_error
-        Change of the reflectance factor over that of a parameter, shape (point,), by parameter, of those that can be
-        told apart; and its standard error.
-    units
-        Of the parameters in ``sensitivity``.
-    curvature
-        Root mean square over the points of the quadratic effect of a parameter over its linear one, at one standard
-        uncertainty; of those where the quadratic one could be told from the ray tracer's noise.
-    component_sources, factor_error
-        Source of every component of ``factor``, and its standard error, shape (point, component); empty where the
-        components mix all sources.
-    evaluations
-        How often the plan was rendered.
-    """
-
-    variance: dict[str, FloatArray]
-    factor: FloatArray
-    noise: FloatArray
-    u_error: FloatArray
-    mean_shift: FloatArray
-    brf: FloatArray = field(default_factory=lambda: np.zeros(0))
-    sensitivity: dict[str, FloatArray] = field(default_factory=dict)
-    sensitivity_error: dict[str, FloatArray] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    curvature: dict[str, float] = field(default_factory=dict)
-    component_sources: tuple[str, ...] = ()
-    factor_error: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    evaluations: int = 0
-
-    @property
-    def u(self) -> FloatArray:
-        """Standard uncertainty (k = 1) from all inputs, shape (point,)."""
-        return np.sqrt(np.maximum(sum(self.variance.values(), np.zeros(len(self.noise))), 0.0))
-
-    def take(self, chosen: NDArray[np.int64]) -> Propagation:
-        """That of some points, by their numbers; a number may come again."""
-
-        def some(values: dict[str, FloatArray]) -> dict[str, FloatArray]:
-            return {name: value[chosen] for name, value in values.items()}
-
-        return replace(
-            self,
-            variance=some(self.variance),
-            factor=self.factor[chosen],
-            noise=self.noise[chosen],
-            u_error=self.u_error[chosen],
-            mean_shift=self.mean_shift[chosen],
-            brf=self.brf[chosen],
-            sensitivity=some(self.sensitivity),
-            sensitivity_error=some(self.sensitivity_error),
-            factor_error=self.factor_error[chosen] if self.factor_error.size else self.factor_error,
-        )
-
-    def covariance(self) -> FloatArray:
-        """Covariance of the errors between points, shape (point, point): symmetric, without negative eigenvalues."""
-        covariance = self.factor @ self.factor.T
-        covariance[np.diag_indices_from(covariance)] -= self.noise
-        values, vectors = np.linalg.eigh(covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return np.asarray(root @ root.T)
-
-    def correlation(self) -> FloatArray:
-        """Correlation of the errors between points, shape (point, point): symmetric, positive, ones on the diagonal."""
-        covariance = self.covariance()
-        length = np.sqrt(np.diag(covariance))
-        scale = np.where(length > 0, 1 / np.where(length > 0, length, 1.0), 0.0)
-        result: FloatArray = covariance * scale * scale[:, None]
-        np.fill_diagonal(result, 1.0)
-        return result
 
 
 @dataclass(frozen=True)
@@ -131,6 +51,15 @@ class _Found:
     def counted(self) -> FloatArray:
         """Effects whose squares make the variance: a quadratic one only where it stands out of the noise."""
         return self.effects if self.noisy_curvature else np.concatenate([self.effects, self.curved])
+
+    def with_points(self, points: NDArray[np.int64], design: Design, differences: FloatArray) -> _Found:
+        """With what other differences, shape (evaluation, len(points), randomisation), have shown for some points."""
+        effects, curved = self.effects.copy(), self.curved.copy()
+        effects[:, points] = design.effects(differences)
+        quadratic = design.curved(differences)
+        if quadratic is not None:
+            curved[:, points] = quadratic
+        return replace(self, effects=effects, curved=curved)
 
 
 def by_sensitivities(
@@ -156,8 +85,8 @@ def by_sensitivities(
     renderer
         The plan and its state vector.
     tolerance
-        Relative standard error of the uncertainty to reach at the median point; more sight lines go to the
-        parameters that limit it.
+        Relative standard error of the uncertainty to reach at the median point, by more sight lines for the parameters
+        that limit it, and twice that at the others, by more for those points.
     seed
         Of the signs in the weighing designs.
     rows, step
@@ -173,6 +102,7 @@ def by_sensitivities(
     """
     plans = designs(renderer.state, seed, rows=rows, step=step)
     samples = dict.fromkeys(range(len(plans)), _FIRST)
+    where = {"address": address, "workers": workers}
     found: dict[int, _Found] = {}
     todo, evaluations, turn, finest = list(samples), 0, 0, 0
     brf = np.zeros(renderer.points)
@@ -180,27 +110,49 @@ def by_sensitivities(
         turn += 1
         for level in sorted({samples[n] for n in todo}):
             chosen = [n for n in todo if samples[n] == level]
-            values = [renderer.state.nominal, *(value for n in chosen for value in plans[n].values)]
             told = None if progress is None else _telling(progress, f"sensitivities, round {turn}")
-            rendered = evaluate(renderer, values, level, address=address, workers=workers, progress=told)
-            evaluations += len(values)
-            nominal, start = rendered[0], 1
+            nominal, differences = _vary(renderer, [plans[n] for n in chosen], level, told, where)
+            evaluations += 1 + sum(map(len, differences))
             if level > finest:
-                finest, brf = level, nominal.mean(axis=-1)
-            for n in chosen:
-                stop = start + len(plans[n].values)
-                found[n] = _find(plans[n], rendered[start:stop] - nominal, nominal.mean(axis=-1))
-                start = stop
+                finest, brf = level, nominal
+            found |= {n: _find(plans[n], d, nominal) for n, d in zip(chosen, differences, strict=True)}
         todo = _limiting(plans, found, samples, tolerance)
         samples |= {n: samples[n] * _MORE for n in todo}
+    for turn in range(1, _MENDS + 1):
+        weak = np.flatnonzero(_tracing_error(found) > _WEAK * tolerance)
+        if not 0 < len(weak) <= _FEW * renderer.points:
+            break
+        some = renderer.take(weak, seed=renderer.seed + turn)
+        for level in sorted(set(samples.values())):
+            chosen = [n for n in samples if samples[n] == level]
+            told = None if progress is None else _telling(progress, f"sensitivities, noisy points {turn}")
+            more = min(_MOST, level * _MORE**turn)
+            nominal, differences = _vary(some, [plans[n] for n in chosen], more, told, where)
+            for n, own in zip(chosen, differences, strict=True):
+                found[n] = found[n].with_points(weak, plans[n], own)
+        brf[weak] = nominal
     return _collect(renderer, plans, found, brf, evaluations)
+
+
+def _vary(
+    renderer: PlanRenderer,
+    plans: list[Design],
+    samples: int,
+    progress: Callable[[int, int], None] | None,
+    where: dict[str, Any],
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Reflectance factors at the nominal inputs, and the differences from them of every design."""
+    values = [renderer.state.nominal, *(value for design in plans for value in design.values)]
+    rendered = evaluate(renderer, values, samples, progress=progress, **where)
+    ends = np.cumsum([len(design.values) for design in plans])
+    return rendered[0].mean(axis=-1), np.split(rendered[1:] - rendered[0], ends[:-1])
 
 
 def by_draws(
     renderer: PlanRenderer,
     *,
     draws: int = 500,
-    samples: int = 1024,
+    samples: int = DRAW_SAMPLES,
     seed: int = 1,
     address: str | None = None,
     workers: int | None = None,
@@ -234,7 +186,7 @@ def by_draws(
         {"all inputs": variance},
         deviations.mean(axis=-1).T,
         noise,
-        _relative(error, variance),
+        relative_error(error, variance),
         shift.mean(axis=-1),
         nominal.mean(axis=-1),
         evaluations=draws + 1,
@@ -282,30 +234,6 @@ def _telling(progress: Progress, what: str) -> Callable[[int, int], None]:
     return lambda done, total: progress(what, done, total)
 
 
-def squares(effects: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Sums of squared effects without the noise of their estimates, and the noise removed.
-
-    Parameters
-    ----------
-    effects, shape (component, point, randomisation)
-
-    Returns
-    -------
-    variance, noise, shape (point,)
-    """
-    count = effects.shape[-1]
-    mean = effects.mean(axis=-1)
-    noise = np.asarray(np.sum(effects.var(axis=-1, ddof=1), axis=0) / count)
-    return np.asarray(np.sum(mean**2, axis=0) - noise), noise
-
-
-def variance_error(effects: FloatArray) -> FloatArray:
-    """Standard error of the variance of :func:`squares` by the ray tracer's noise, shape (point,)."""
-    single = effects.var(axis=-1, ddof=1) / effects.shape[-1]
-    tracing = np.sum(4 * np.maximum(effects.mean(axis=-1) ** 2 - single, 0) * single + 2 * single**2, axis=0)
-    return np.asarray(np.sqrt(tracing))
-
-
 def _find(design: Design, differences: FloatArray, brf: FloatArray) -> _Found:
     effects, curved = design.effects(differences), design.curved(differences)
     if curved is None:
@@ -320,18 +248,23 @@ def _find(design: Design, differences: FloatArray, brf: FloatArray) -> _Found:
 def _limiting(plans: list[Design], found: dict[int, _Found], samples: dict[int, int], tolerance: float) -> list[int]:
     """Designs that need more sight lines; none when the tolerance is reached or nothing more can be done."""
     total = np.maximum(sum(squares(f.counted)[0] for f in found.values()), 0.0) if found else np.zeros(0)
-    errors = np.array([variance_error(found[n].counted) for n in sorted(found)])
-    if not len(errors) or not np.any(total > 0):
-        return []
     usable = total > 0
-    relative = errors[:, usable] / (2 * total[usable])
-    if np.median(np.sqrt(np.sum(relative**2, axis=0))) <= tolerance:
+    if not np.any(usable) or np.median(_tracing_error(found)[usable]) <= tolerance:
         return []
-    weight = np.median(relative, axis=1) ** 2
+    errors = np.array([variance_error(found[n].counted) for n in sorted(found)])
+    weight = np.median(errors[:, usable] / (2 * total[usable]), axis=1) ** 2
     # Leave out the designs that together matter less than a quarter of the tolerance squared.
     order = np.argsort(weight)
     small = np.cumsum(weight[order]) < (tolerance / 2) ** 2
     return sorted(int(n) for n in order[~small] if samples[int(n)] * _MORE <= _MOST)
+
+
+def _tracing_error(found: dict[int, _Found]) -> FloatArray:
+    """Relative standard error of the combined uncertainty by the ray tracer's noise, shape (point,)."""
+    if not found:
+        return np.zeros(0)
+    error2 = sum(variance_error(f.counted) ** 2 for f in found.values())
+    return relative_error(np.sqrt(error2), np.asarray(sum(squares(f.counted)[0] for f in found.values())))
 
 
 def _collect(
@@ -364,7 +297,7 @@ def _collect(
         variance,
         np.concatenate(factors, axis=1),
         noise,
-        _relative(np.sqrt(error2), total),
+        relative_error(np.sqrt(error2), total),
         shift,
         brf,
         sensitivity,
@@ -375,9 +308,3 @@ def _collect(
         np.concatenate(scatter, axis=1),
         evaluations,
     )
-
-
-def _relative(error: FloatArray, variance: FloatArray) -> FloatArray:
-    """Relative standard error of a standard uncertainty from the error of its square."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(variance > 0, error / (2 * variance), np.where(error > 0, np.inf, 0.0))

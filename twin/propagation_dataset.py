@@ -12,7 +12,7 @@ from instrument.events import Geometry
 from twin.input_uncertainty import find_input_uncertainty
 from twin.optics import geometry_columns
 from twin.prediction import Twin
-from twin.propagation import Progress, Propagation, by_draws, by_sensitivities
+from twin.propagation import DRAW_SAMPLES, Progress, Propagation, by_draws, by_sensitivities
 from twin.propagation_render import PlanRenderer
 from twin.state_vector import StateVector
 
@@ -29,7 +29,7 @@ def propagate(
     standard_error: float = 0.001,
     tolerance: float = 0.1,
     draws: int = 0,
-    samples: int = 1024,
+    samples: int = DRAW_SAMPLES,
     seed: int = 1,
     keep: bool = False,
     address: str | None = None,

@@ -78,6 +78,11 @@ class PlanRenderer:
         """Number of geometries."""
         return len(self._flux)
 
+    def take(self, chosen: IntArray, *, seed: int) -> PlanRenderer:
+        """For some points of the plan, with other random numbers."""
+        columns = {name: column[chosen] for name, column in self.columns.items()}
+        return PlanRenderer(self.state, columns, seed=seed, surface_factor=self._surface_factor)
+
     def alike(self, values: Sequence[FloatArray]) -> tuple[list[int], list[int]]:
         """Numbers of the evaluations with the nominal sample, which can share a launch, and of the others."""
         nominal = self.state.nominal

@@ -165,26 +165,29 @@ class PredictionWorker:
         return process.pid if process is not None and process.alive else None
 
     def predict(
-        self, indices: Sequence[int], geometries: Sequence[Geometry], standard_error: float
+        self,
+        indices: Sequence[int],
+        geometries: Sequence[Geometry],
+        standard_error: float,
+        sight_lines: int | None = None,
     ) -> Future[Prediction]:
         """Ask for predictions; returns at once.
 
         Parameters
         ----------
-        indices
-            Names of the points, returned with the result.
-        geometries
-            As many geometries.
+        indices, geometries
+            Names of the points, returned with the result, and as many geometries.
         standard_error
             Relative Monte Carlo standard error to reach.
+        sight_lines
+            Trace so many for every point instead, whatever error they leave.
 
         Returns
         -------
         Future
             Holds a :class:`Prediction` or raises: :class:`WorkerError` if this attempt failed
-            (:class:`Unpredictable` if every other would, too),
-            :class:`~instrument.errors.InputError` if the twin's files are wrong, :class:`TwinUnusable` if the
-            twin cannot be built for another reason. It can be cancelled until work on it begins.
+            (:class:`Unpredictable` if every other would, too), :class:`~instrument.errors.InputError` if the twin's
+            files are wrong, :class:`TwinUnusable` if it cannot be built otherwise. To be cancelled before work begins.
         """
         if len(indices) != len(geometries) or not len(indices):
             raise ValueError(
@@ -194,6 +197,7 @@ class PredictionWorker:
             "id": next(self._numbers),
             "geometries": [geometry.model_dump() for geometry in geometries],
             "standard_error": standard_error,
+            "samples": sight_lines,
             "seed": self._seed,
         }
         return self._put(message, lambda reply: _prediction(tuple(indices), reply))
@@ -201,12 +205,8 @@ class PredictionWorker:
     def uncertainty(self, geometries: Sequence[Geometry]) -> Future[KnownUncertainty]:
         """Ask what the inputs add to the uncertainty of these points; returns at once.
 
-        The twin of the process must be able to tell (:class:`twin.input_uncertainty.UncertainTwin`).
-
-        Returns
-        -------
-        Future
-            Holds a :class:`KnownUncertainty` or raises as that of :meth:`predict`.
+        The twin of the process must be able to tell (:class:`twin.input_uncertainty.UncertainTwin`). The result holds a
+        :class:`KnownUncertainty` or raises as that of :meth:`predict`.
         """
         message = {"id": next(self._numbers), "uncertainty": [geometry.model_dump() for geometry in geometries]}
         return self._put(message, _known_uncertainty)

@@ -2,7 +2,7 @@
 
 It reads requests from standard input and answers on standard output, one JSON object a line; the client is
 :mod:`twin.worker`. First comes ``{"open": {...}}`` with the paths, answered by ``{"ready": {...}}`` or
-``{"failed": ...}``; then any number of ``{"id", "geometries", "standard_error", "seed"}``, each answered by
+``{"failed": ...}``; then any number of ``{"id", "geometries", "standard_error", "samples", "seed"}``, each answered by
 ``{"id", "brf", "u_brf", "u_brf_monte_carlo", "attributes"}`` or ``{"id", "failed": ...}``, or of
 ``{"id", "uncertainty": geometries}``, answered by ``{"id", "u_brf_inputs", "contains", "notes"}``. When standard input
 ends, because the client closed it or died, the process ends at once, in the middle of a computation too.
@@ -88,7 +88,8 @@ def _answer(twin: Any, request: Json) -> Json:
             answer = {"u_brf_inputs": known.u.tolist(), "contains": known.contains, "notes": list(known.notes)}
             return {"id": request["id"], **answer}
         geometries = [Geometry.model_validate(geometry) for geometry in request["geometries"]]
-        result = twin.predict(geometries, standard_error=request["standard_error"], seed=request["seed"])
+        wanted = {name: request[name] for name in ("standard_error", "samples", "seed")}
+        result = twin.predict(geometries, **wanted)
         columns = {name: result[name].values.tolist() for name in ("brf", "u_brf", "u_brf_monte_carlo")}
         return {"id": request["id"], **columns, "attributes": _plain(result.attrs)}
     except Exception as error:  # noqa: BLE001 (one bad request must not end the process; the client reports it)

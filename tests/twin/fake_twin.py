@@ -45,7 +45,8 @@ class FakeTwin:
     def predict(self, geometries, *, standard_error=0.001, samples=None, seed=None) -> FakeDataset:
         zeniths = [geometry.sensor_zenith for geometry in geometries]
         with self.log.open("a") as log:
-            log.write(json.dumps({"zeniths": zeniths, "standard_error": standard_error, "seed": seed}) + "\n")
+            asked = {"zeniths": zeniths, "standard_error": standard_error, "samples": samples, "seed": seed}
+            log.write(json.dumps(asked) + "\n")
         if self.orders.get("print"):
             os.write(1, b"printed by a native library\n")
             print("printed by Python", flush=True)

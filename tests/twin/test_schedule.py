@@ -39,6 +39,11 @@ def test_a_slice_at_a_time_coarse_before_fine():
     assert batches[4].indices == (0, 1)
 
 
+def test_a_first_look_names_its_sight_lines_and_later_stages_their_error():
+    batches = work_off(Schedule(points(1, 2), (Stage(0.01, 2, sight_lines=64), Stage(0.001, 2))))
+    assert [(b.standard_error, b.sight_lines) for b in batches] == [(0.01, 64), (0.001, None)]
+
+
 def test_what_lies_ahead_of_the_scan_comes_first():
     schedule = Schedule(points(2, 6), STAGES)
     schedule.move_to(8)

@@ -103,6 +103,14 @@ def test_every_request_carries_the_seed_that_was_asked_for(worker_of, fake_files
     assert [request["seed"] for request in fake_files.requests] == [5, 5]
 
 
+def test_a_request_names_its_sight_lines_or_its_error(worker_of, fake_files):
+    worker = worker_of()
+    for sight_lines in (64, None):
+        worker.predict([0], [geometry(0.0)], 0.01, sight_lines).result(PATIENCE)
+    assert [request["samples"] for request in fake_files.requests] == [64, None]
+    assert [request["standard_error"] for request in fake_files.requests] == [0.01, 0.01]
+
+
 def test_a_crash_fails_its_request_and_the_next_one_succeeds(worker_of, fake_files):
     fake_files.order(die_at=13.0)
     worker = worker_of()

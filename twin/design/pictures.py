@@ -1,6 +1,6 @@
 """Pictures of a design study: polar maps of the hemispherical pattern (paper, Fig. 4) and scores along a sweep.
 
-The radius of a map is the zenith. Directions that cannot be measured are hatched; white dots are points of the plan.
+The radius of a map is the zenith. A line below the maps says what the marks are.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from instrument.facility import Arms
 from instrument.plan import Plan
@@ -38,9 +40,10 @@ def draw_pattern(found: Judgement, arms: Arms, path: Path, plan: Plan | None = N
             _mark_points(axis, plan, float(light))
         rho = float(found.pattern["hemispherical_reflectance"].values[number])
         axis.set_title(f"illumination zenith {light:g}°\nhemispherical reflectance {rho:.3f}", fontsize=10)
-    figure.suptitle(found.candidate.name, fontsize=11, y=0.985)
+    figure.suptitle(found.candidate.name, fontsize=11, y=0.975)
     left, right = 0.4 / figure.get_figwidth(), 1 - 1.35 / figure.get_figwidth()
-    figure.subplots_adjust(left=left, right=right, bottom=0.06, top=0.78, wspace=0.22)
+    figure.subplots_adjust(left=left, right=right, bottom=0.1, top=0.79, wspace=0.22)
+    _explain(figure, plan is not None)
     bar = figure.add_axes((1 - 0.8 / figure.get_figwidth(), 0.17, 0.13 / figure.get_figwidth(), 0.5))
     _scale(figure, mapped, bar)
     return _save(figure, path)
@@ -64,8 +67,9 @@ def draw_candidates(judgements: list[Judgement], arms: Arms, path: Path) -> Path
                 axis.text(-0.12, 0.5, text, transform=axis.transAxes, rotation=90, va="center", ha="right", fontsize=9)
     width = figure.get_figwidth()
     figure.subplots_adjust(
-        left=0.75 / width, right=1 - 1.1 / width, bottom=0.25 / height, top=1 - 0.5 / height, wspace=0.1, hspace=0.12
+        left=0.75 / width, right=1 - 1.1 / width, bottom=0.4 / height, top=1 - 0.5 / height, wspace=0.1, hspace=0.12
     )
+    _explain(figure, False)
     size = min(0.8, 4.0 / height)
     bar = figure.add_axes((1 - 0.8 / width, 0.5 - size / 2, 0.13 / width, size))
     _scale(figure, mapped, bar)
@@ -100,16 +104,21 @@ def _axis_values(judgements: list[Judgement]) -> np.ndarray | None:
 
 
 def _draw_signal(axis: Axes, places: np.ndarray, judgements: list[Judgement]) -> None:
-    series = [
-        ("structure of the pattern on measurable directions", "o", BLUE, [f.signal.structure for f in judgements]),
-        ("share of the structure on measurable directions", "s", ORANGE, [f.signal.share for f in judgements]),
-    ]
-    for label, marker, colour, values in series:
-        axis.plot(places, 100 * np.array(values), marker + "-", color=colour, ms=5, lw=1.2, label=label)
-    axis.set_ylabel("%")
-    axis.set_ylim(0, None)
+    """Two quantities of very different size: each has an axis of its own in its colour."""
+    structure, share = (
+        100 * np.array([getattr(f.signal, name) for f in judgements]) for name in ("structure", "share")
+    )
+    other = axis.twinx()
+    for own, label, marker, colour, values in (
+        (axis, "structure of the pattern\non measurable directions / %", "o-", BLUE, structure),
+        (other, "part of all structure that is on\nmeasurable directions / %", "s--", ORANGE, share),
+    ):
+        own.plot(places, values, marker, color=colour, ms=5, lw=1.2)
+        own.set_ylabel(label, color=colour)
+        own.tick_params(axis="y", colors=colour)
+    axis.set_ylim(0, 1.1 * max(float(structure.max()), 1e-3))
+    other.set_ylim(0, 105)
     axis.grid(True, lw=0.4, alpha=0.5)
-    axis.legend(fontsize=8, frameon=False, loc="lower right")  # "best" is slow, and says so
 
 
 def _draw_distinct(axis: Axes, places: np.ndarray, judgements: list[Judgement]) -> None:
@@ -122,9 +131,17 @@ def _draw_distinct(axis: Axes, places: np.ndarray, judgements: list[Judgement]) 
         axis.plot(places, values, style, color=colour, ms=4, lw=1.1, label=effect.replace("_", " "))
     axis.plot(places, [one.score for one in found], "D-", color=BLACK, ms=5, lw=2, label="geometric mean")
     axis.set_yscale("log")
+    for every in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
+        every(FuncFormatter(_plain_number))
     axis.set_ylabel("standard deviations at which an effect\nof its usual size stands out from the others")
     axis.grid(True, which="both", lw=0.4, alpha=0.4)
     axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def _plain_number(value: float, _: int | None = None) -> str:
+    """Labels 1, 2 and 5 of each decade, not as powers."""
+    digit = round(value / 10.0 ** np.floor(np.log10(value)))
+    return f"{value:g}" if digit in (1, 2, 5) else ""
 
 
 def _norm(judgements: list[Judgement]) -> Normalize:
@@ -148,7 +165,8 @@ def _map(axis: Any, found: Judgement, number: int, norm: Normalize, arms: Arms, 
     levels = np.linspace(norm.vmin or 0.0, norm.vmax or 1.0, 40)
     mapped = axis.contourf(around, rings, values, levels=levels, cmap=_COLOURS, norm=norm, extend="both")
     if not small and np.ptp(values) > 0.02 * values.max():
-        axis.contour(around, rings, values, levels=levels[2 :: len(levels) // _LINES], colors="white", linewidths=0.35)
+        axis.contour(around, rings, values, levels=levels[2 :: len(levels) // _LINES], colors="white", linewidths=0.35,
+                     alpha=0.6)  # fmt: skip
     light = float(pattern["illumination_zenith"].values[number])
     _hatch(axis, arms, light)
     axis.plot([0.0], [light], "*", ms=6 if small else 10, color=ORANGE, mec=BLACK, mew=0.5)
@@ -164,9 +182,24 @@ def _map(axis: Any, found: Judgement, number: int, norm: Normalize, arms: Arms, 
 
 
 def _scale(figure: Figure, mapped: Any, place: Axes) -> None:
-    bar = figure.colorbar(mapped, cax=place, ticks=MaxNLocator(6), format="%.2f", extendfrac=0.0)
+    low, high = mapped.norm.vmin, mapped.norm.vmax
+    ticks = [tick for tick in MaxNLocator(6).tick_values(low, high) if low <= tick <= high]
+    bar = figure.colorbar(mapped, cax=place, ticks=ticks, format="%.2f", extendfrac=0.0)
     bar.set_label("reflectance factor", fontsize=9)
     place.tick_params(labelsize=8)
+
+
+def _explain(figure: Figure, with_plan: bool) -> None:
+    """A line below the maps that says what the marks are."""
+    marks = [
+        Line2D([], [], ls="", marker="*", ms=9, color=ORANGE, mec=BLACK, mew=0.5, label="illumination"),
+        Patch(facecolor="none", edgecolor=BLACK, lw=0.6, hatch="//////", label="cannot be measured"),
+    ]
+    if with_plan:
+        marks.append(
+            Line2D([], [], ls="", marker="o", ms=4, color="white", mec=BLACK, mew=0.5, label="points of the plan")
+        )
+    figure.legend(handles=marks, loc="lower center", ncols=len(marks), fontsize=8, frameon=False)
 
 
 def _hatch(axis: Any, arms: Arms, light: float) -> None:

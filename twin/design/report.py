@@ -14,9 +14,10 @@ def print_study(found: list[Judgement], best: Judgement, plan: Plan | None, faci
     """Scores of all candidates; of the best one every effect, and its plan."""
     console = Console(highlight=False)
     table = Table(title="Candidates")
-    table.add_column("candidate")
+    table.add_column("candidate", min_width=14)
     for heading in ("reflectance", "structure / %", "of it measurable / %", "over budget", "separation"):
-        table.add_column(heading, justify="right")
+        # As wide as the longest word: 80 columns hold them all, whole.
+        table.add_column(heading, justify="right", min_width=max(map(len, heading.split())))
     for judgement in found:
         reflectance = float(judgement.pattern["hemispherical_reflectance"].values[0])
         over, apart = judgement.signal.over_budget, judgement.separation
@@ -44,14 +45,14 @@ def _effects(judgement: Judgement) -> Table:
     sizes = {effect.name: f"{effect.size:g} {effect.unit}" for effect in EFFECTS}
     table = Table(title=f"What a scan of {judgement.candidate.name} tells, in standard deviations")
     for heading in ("effect", "size", "alone", "among the others", "most alike", "angle"):
-        table.add_column(heading, justify="left" if heading in ("effect", "most alike") else "right")
+        table.add_column(heading, justify="left" if heading in ("effect", "most alike") else "right", overflow="fold")
     for name, row in separation_json(judgement.separation)["effects"].items():
         table.add_row(
-            name,
+            name.replace("_", " "),
             sizes[name],
             f"{row['detectable']:.1f}",
             f"{row['distinct']:.1f}",
-            row["nearest"],
+            row["nearest"].replace("_", " "),
             f"{row['angle_to_nearest']:.0f}°",
         )
     return table
