@@ -60,7 +60,7 @@ def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
     tell("where", 0.75)
     where = regions(problem.run, _located(prepared, decision, leading, weights))
     tell("slices held out", 0.8)
-    gap = measure_gap(problem, leading, weights)
+    gap = measure_gap(problem, leading)
     if decision.verdict == "effects" and gap.gain <= 0:
         # Evidence and held-out slices must agree.
         decision = replace(decision, verdict="undecided", named=())

@@ -1,22 +1,30 @@
-"""How far the gap shrinks: predicted from what was fitted, measured on slices that took no part in choice or fit."""
+"""How far the gap shrinks: predicted from what was fitted, measured on slices that took no part in choice or fit.
+
+The slices are shared out among three groups. For each, structures of the errors, effects and their parameters are
+chosen from the other slices alone.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from instrument.angles import FloatArray
 from twin.diagnosis.couples import pairs
-from twin.diagnosis.fit import Fit, fit_none, fit_single
+from twin.diagnosis.fit import Component, Fit, fit_none, fit_single
 from twin.diagnosis.likelihood import marginal
 from twin.diagnosis.posterior import PRIOR, Hypothesis, normalised
 from twin.diagnosis.problem import Problem
 
 #: Groups of slices that are held out in turn, and structures kept while choosing without them.
 FOLDS, _STRUCTURES = 3, 10
-_DRAWS = 400
+#: Draws of what the held-out slices may read, and explanations that they are drawn from.
+_DRAWS, _EXPLANATIONS = 400, 6
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -33,8 +41,10 @@ class Gap:
         On the held-out slices, without what noise and budget alone would leave.
     interval
         Of the shrink, expected before looking at the held-out slices (5 % to 95 %).
+    plain_shrink
+        1 - heldout_after/heldout_before, noise and budget included.
     removable
-        Share of the held-out difference that is not noise and budget.
+        Largest value of the plain shrink that noise and budget leave room for.
     chosen
         What was chosen without each group of slices.
     gain
@@ -47,38 +57,66 @@ class Gap:
     heldout_after: float
     shrink: float
     interval: tuple[float, float]
+    plain_shrink: float
     removable: float
     chosen: tuple[tuple[str, ...], ...]
     gain: float = 0.0
 
 
-def measure_gap(problem: Problem, leading: Fit, weights: FloatArray, seed: int = 1) -> Gap:
+@dataclass(frozen=True)
+class Fold:
+    """What the slices outside a group say of it.
+
+    Attributes
+    ----------
+    rows, seen
+        Points of the group, and all others.
+    structures
+        Numbers of the structures that explain the seen points best.
+    explanations
+        The most probable ones of the seen points, fitted to them, with their probabilities; the first is the choice.
+    table, shape (row,)
+        Logarithmic ratio that the choice predicts.
+    """
+
+    rows: IntArray
+    seen: IntArray
+    structures: tuple[int, ...]
+    explanations: tuple[tuple[Fit, float], ...]
+    table: FloatArray
+
+    @property
+    def choice(self) -> Fit:
+        """What was chosen without the group."""
+        return self.explanations[0][0]
+
+
+def measure_gap(problem: Problem, leading: Fit, seed: int = 1) -> Gap:
     """Measure how far the gap shrinks.
 
     Parameters
     ----------
     leading
         The leading explanation, fitted to all points.
-    weights, shape (structure,)
-        Posterior weights of the structures.
     """
+    folds = held_out(problem)
+    table = np.zeros(len(problem.run))
+    for fold in folds:
+        table[fold.rows] = fold.table
     before = _difference(problem, np.zeros(len(problem.run)))
-    after = _difference(problem, leading.table)
-    table, chosen, gain = held_out(problem, weights)
-    variance = float(np.mean(problem.noise_variance(weights)))
-    held_before, held_after = before, _difference(problem, table)
-    interval = expected_shrink(problem, leading, weights, seed)
-    removable = 1.0 - np.sqrt(min(1.0, variance / held_before**2)) if held_before > 0 else 0.0
+    held_after = _difference(problem, table)
+    variance = left_alone(problem, folds)
     return Gap(
         before,
-        after,
-        held_before,
+        _difference(problem, leading.table),
+        before,
         held_after,
-        shrink_of(held_before, held_after, variance),
-        interval,
-        float(removable),
-        tuple(chosen),
-        gain,
+        shrink_of(before, held_after, variance),
+        expected_shrink(problem, folds, variance, seed),
+        1.0 - held_after / before if before > 0 else 0.0,
+        1.0 - float(np.sqrt(min(1.0, variance / before**2))) if before > 0 else 0.0,
+        tuple(fold.choice.names for fold in folds),
+        sum(_gain(problem, fold) for fold in folds),
     )
 
 
@@ -93,7 +131,7 @@ def _difference(problem: Problem, table: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.expm1(table - problem.residual) ** 2)))
 
 
-def groups(problem: Problem) -> list[NDArray[np.int64]]:
+def groups(problem: Problem) -> list[IntArray]:
     """Points of slices that are held out together; blocks of neighbouring points where there are few slices."""
     plane = problem.run.plane
     if plane.max() + 1 < FOLDS:
@@ -101,29 +139,44 @@ def groups(problem: Problem) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(plane % FOLDS == fold) for fold in range(FOLDS)]
 
 
-def held_out(problem: Problem, weights: FloatArray) -> tuple[FloatArray, list[tuple[str, ...]], float]:
-    """Logarithmic ratio at every point from a choice and a fit that did not see its slice; the choices; nats gained."""
-    table = np.zeros(len(problem.run))
-    chosen, gain = [], 0.0
-    kept = [int(k) for k in np.argsort(-weights)[:_STRUCTURES]]
+def held_out(problem: Problem) -> list[Fold]:
+    """Choose and fit without each group of slices, and predict it."""
+    found = []
     for rows in groups(problem):
         seen = np.setdiff1d(np.arange(len(problem.run)), rows)
-        names, values = _choose(problem.at(seen, kept))
-        chosen.append(names)
-        start = 0
-        for name in names:
-            component = problem.component(name)
-            count = len(component.prior.nominal)
-            table[rows] += component.row(values[start : start + count])[rows]
-            start += count
-        seen_not = problem.at(rows, kept)
-        gain += marginal([m.log_density(seen_not.residual - table[rows]) for m in seen_not.members], seen_not.members)
-        gain -= marginal([m.log_density(seen_not.residual) for m in seen_not.members], seen_not.members)
-    return table, chosen, gain
+        part = problem.at(seen)
+        kept = _structures(part)
+        best = _choose(replace(part, structures=[part.structures[k] for k in kept]))
+        table = _table(problem, best[0][0], best[0][0].values[None], rows)[0]
+        found.append(Fold(rows, seen, kept, best, table))
+    return found
 
 
-def _choose(problem: Problem) -> tuple[tuple[str, ...], FloatArray]:
-    """The most probable of none, one and two effects."""
+def _structures(problem: Problem) -> tuple[int, ...]:
+    """Numbers of the structures that explain a problem best, alone or beside the effect that looks best at first."""
+    members, residual = problem.members, problem.residual
+    weights = np.array([m.log_weight for m in members])
+    none = np.array([m.log_density(residual) for m in members]) + weights
+    best = none
+    for base in dict.fromkeys((int(np.argmax(none)), int(np.argmax(weights)))):
+        gaps = [_likely(component, residual, problem, base) for component in problem.components if component.catalogued]
+        if gaps:
+            rest = residual - max(gaps, key=lambda pair: pair[0])[1]
+            best = np.maximum(best, np.array([m.log_density(rest) for m in members]) + weights)
+    return tuple(int(k) for k in np.argsort(-best, kind="stable")[:_STRUCTURES])
+
+
+def _likely(component: Component, residual: FloatArray, problem: Problem, base: int) -> tuple[float, FloatArray]:
+    """Logarithmic posterior density of an effect's best node under a structure, and its logarithmic ratio."""
+    if not len(component.nodes.values):
+        return -np.inf, np.zeros(len(residual))
+    score = component.compressed.log_density(residual, problem.members[base]) + component.nodes.log_mass
+    node = int(np.argmax(score))
+    return float(score[node]), component.nodes.table[node]
+
+
+def _choose(problem: Problem) -> tuple[tuple[Fit, float], ...]:
+    """The most probable of none, one and two effects, and the next ones, with their probabilities."""
     members, residual = problem.members, problem.residual
     none = fit_none(residual, members)
     hypotheses = [Hypothesis((), False, np.log(PRIOR["none"]), none.log_evidence, none)]
@@ -139,34 +192,101 @@ def _choose(problem: Problem) -> tuple[tuple[str, ...], FloatArray]:
     for fit in pairs(residual, singles, members, around=3, refitted=12):
         prior = np.log(PRIOR["two"] / couples) + sum(np.log(max(inside[name], 1e-12)) for name in fit.names)
         hypotheses.append(Hypothesis(fit.names, False, prior, fit.log_evidence, fit))
-    best = normalised(hypotheses).hypotheses[0]
-    assert best.fit is not None
-    return best.names, best.fit.values
+    posterior = normalised(hypotheses)
+    weighed = zip(posterior.hypotheses, posterior.probability, strict=True)
+    return tuple((h.fit, float(p)) for h, p in weighed if h.fit is not None)[:_EXPLANATIONS]
 
 
-def expected_shrink(problem: Problem, leading: Fit, weights: FloatArray, seed: int) -> tuple[float, float]:
-    """Interval (5 % to 95 %) of the shrink that a fit without a group of slices should reach on it.
+def _table(problem: Problem, fit: Fit, values: FloatArray, rows: IntArray) -> FloatArray:
+    """Logarithmic ratio of an explanation at some points, shape (value, row), for values of shape (value, p)."""
+    result, start = np.zeros((len(values), len(rows))), 0
+    for name, size in zip(fit.names, fit.sizes, strict=True):
+        component = problem.component(name)
+        result += component.signature.log_ratio(values[:, start : start + size])[:, rows]
+        start += size
+    return result
 
-    The parameters are drawn as uncertain as a fit to the other slices leaves them, the errors from the structures.
+
+def _shares(problem: Problem, fold: Fold, fit: Fit) -> FloatArray:
+    """Posterior weights of a fold's structures under a fit to the seen points; they add up to 1."""
+    log_weight = np.array([problem.members[k].log_weight for k in fold.structures])
+    return np.asarray(np.exp(fit.by_structure + log_weight - fit.log_evidence))
+
+
+def left_alone(problem: Problem, folds: Sequence[Fold]) -> float:
+    """Mean square that noise and budget alone leave on the groups, by structures weighed without them."""
+    total = 0.0
+    for fold in folds:
+        for share, k in zip(_shares(problem, fold, fold.choice), fold.structures, strict=True):
+            total += share * float(np.sum(np.diag(problem.members[k].covariance)[fold.rows]))
+    return total / len(problem.run)
+
+
+def _gain(problem: Problem, fold: Fold) -> float:
+    """Nats by which a choice predicts its group better than the nominal twin."""
+    part = problem.at(fold.rows, fold.structures)
+    with_it, without = (
+        marginal([m.log_density(part.residual - table) for m in part.members], part.members)
+        for table in (fold.table, np.zeros(len(fold.rows)))
+    )
+    return with_it - without
+
+
+def expected_shrink(problem: Problem, folds: Sequence[Fold], variance: float, seed: int = 1) -> tuple[float, float]:
+    """Interval (5 % to 95 %) of the shrink on held-out slices, from the others alone.
+
+    The groups are drawn from the posterior predictive distribution of the seen points: explanation, structure and
+    parameters from their posterior, the errors as far as those at the seen points leave them open.
     """
-    if not leading.names:
-        return (0.0, 0.0)
     generator = np.random.default_rng(seed)
-    variance = float(np.mean(problem.noise_variance(weights)))
-    components = [problem.component(name) for name in leading.names]
-    ends = np.cumsum(leading.sizes)[:-1]
-    spread = leading.covariance * FOLDS / (FOLDS - 1)
-    low = np.concatenate([c.prior.low for c in components])
-    high = np.concatenate([c.prior.high for c in components])
-    draws = np.clip(generator.multivariate_normal(leading.values, spread, _DRAWS, method="svd"), low, high)
-    tables = sum(c.signature.log_ratio(part) for c, part in zip(components, np.split(draws, ends, axis=1), strict=True))
-    share = weights / np.sum(weights)
-    picks = generator.choice(len(share), _DRAWS, p=share)
-    found = []
-    for draw, pick in enumerate(picks):
-        noise = np.linalg.solve(problem.members[pick].whitener, generator.standard_normal(len(problem.run)))
-        before = np.sqrt(np.mean(np.expm1(-leading.table - noise) ** 2))
-        after = np.sqrt(np.mean(np.expm1(np.asarray(tables)[draw] - leading.table - noise) ** 2))
-        found.append(shrink_of(float(before), float(after), variance))
-    low_end, high_end = np.quantile(found, [0.05, 0.95])
-    return float(low_end), float(high_end)
+    before, after = np.zeros(_DRAWS), np.zeros(_DRAWS)
+    for fold in folds:
+        reading = _predictive(problem, fold, generator)
+        before += np.sum(np.expm1(-reading) ** 2, axis=1)
+        after += np.sum(np.expm1(fold.table - reading) ** 2, axis=1)
+    count = len(problem.run)
+    pairs_of = zip(np.sqrt(before / count), np.sqrt(after / count), strict=True)
+    low, high = np.quantile([shrink_of(float(b), float(a), variance) for b, a in pairs_of], [0.05, 0.95])
+    return float(low), float(high)
+
+
+def _predictive(problem: Problem, fold: Fold, generator: np.random.Generator) -> FloatArray:
+    """Residuals that the seen points let expect of a group, shape (draw, row)."""
+    probability = np.array([p for _, p in fold.explanations])
+    explained = generator.choice(len(probability), _DRAWS, p=probability / probability.sum())
+    result = np.empty((_DRAWS, len(fold.rows)))
+    structure = np.empty(_DRAWS, dtype=np.int64)
+    seen = np.empty((_DRAWS, len(fold.seen)))
+    for number, (fit, _) in enumerate(fold.explanations):
+        draws = np.flatnonzero(explained == number)
+        values = _drawn(problem, fit, len(draws), generator)
+        result[draws] = _table(problem, fit, values, fold.rows)
+        seen[draws] = problem.residual[fold.seen] - _table(problem, fit, values, fold.seen)
+        shares = _shares(problem, fold, fit)
+        structure[draws] = generator.choice(len(shares), len(draws), p=shares / shares.sum())
+    for number, k in enumerate(fold.structures):
+        draws = np.flatnonzero(structure == number)
+        if len(draws):
+            forward, factor = _conditional(problem.members[k].covariance, fold)
+            result[draws] += seen[draws] @ forward.T
+            result[draws] += generator.standard_normal((len(draws), len(fold.rows))) @ factor.T
+    return result
+
+
+def _drawn(problem: Problem, fit: Fit, count: int, generator: np.random.Generator) -> FloatArray:
+    """Parameters of an explanation from their posterior, within the caps, shape (draw, p)."""
+    if not fit.names:
+        return np.zeros((count, 0))
+    priors = [problem.component(name).prior for name in fit.names]
+    low, high = (np.concatenate([getattr(p, end) for p in priors]) for end in ("low", "high"))
+    draws = generator.multivariate_normal(fit.values, fit.covariance, count, method="svd")
+    return np.asarray(np.clip(draws, low, high))
+
+
+def _conditional(covariance: FloatArray, fold: Fold) -> tuple[FloatArray, FloatArray]:
+    """Mean of a group's errors for errors at the seen points, shape (row, seen), and a factor of their covariance."""
+    cross = covariance[np.ix_(fold.rows, fold.seen)]
+    factor = linalg.cho_factor(covariance[np.ix_(fold.seen, fold.seen)], lower=True, check_finite=False)
+    forward = np.asarray(linalg.cho_solve(factor, cross.T, check_finite=False).T)
+    open_part = covariance[np.ix_(fold.rows, fold.rows)] - forward @ cross.T
+    return forward, np.asarray(linalg.cholesky(0.5 * (open_part + open_part.T), lower=True, check_finite=False))

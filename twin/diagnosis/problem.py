@@ -93,8 +93,3 @@ class Problem:
     def component(self, name: str) -> Component:
         """An effect of the library."""
         return next(c for c in self.components if c.name == name)
-
-    def noise_variance(self, weights: FloatArray) -> FloatArray:
-        """Relative variance that noise and budget leave at each point, for weights of the structures."""
-        share = weights / np.sum(weights)
-        return np.asarray(sum(w * np.diag(m.covariance) for w, m in zip(share, self.members, strict=True)))

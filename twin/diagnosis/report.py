@@ -215,14 +215,14 @@ def _shrink(diagnosis: Diagnosis) -> list[str]:
     left = gap.heldout_before * (1 - gap.removable)
     lines = [
         (
-            f"Predicted before looking at the held-out slices: the gap shrinks by {100 * gap.interval[0]:.0f} to"
-            f" {100 * gap.interval[1]:.0f} % (90 % interval)."
+            f"Expected before looking at the held-out slices, from the others: without noise and budget the gap shrinks"
+            f" by {100 * gap.interval[0]:.0f} to {100 * gap.interval[1]:.0f} % (90 % interval)."
         ),
         (
-            f"Measured on slices that took no part in choice or fit: {100 * gap.shrink:.0f} %, from"
-            f" {100 * gap.heldout_before:.2f} % to {100 * gap.heldout_after:.2f} % (root mean square)."
+            f"Measured on slices that took no part in choice or fit: {100 * gap.shrink:.0f} %. The whole goes"
+            f" from {100 * gap.heldout_before:.2f} % to {100 * gap.heldout_after:.2f} % (root mean square), which is"
+            f" {100 * gap.plain_shrink:.0f} % less; noise and budget let {100 * gap.removable:.0f} % go at most."
         ),
-        f"Share of the held-out difference that noise and budget leave removable at all: {100 * gap.removable:.0f} %.",
         (
             f"For comparison only, over all points including the fitted ones: {100 * gap.before:.2f} % to"
             f" {100 * gap.after:.2f} %."

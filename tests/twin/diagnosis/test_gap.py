@@ -8,11 +8,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_runs import at_severity, effects, errors, grid, observed, problem, with_change
+from synthetic_runs import (
+    NOISE,
+    SCALE,
+    STABILITY,
+    at_severity,
+    effects,
+    errors,
+    grid,
+    observed,
+    problem,
+    with_change,
+)
 
 from twin.diagnosis.covariance import Structure
 from twin.diagnosis.fit import Fit, fit_none, fit_single
-from twin.diagnosis.gap import FOLDS, expected_shrink, groups, held_out, measure_gap, shrink_of
+from twin.diagnosis.gap import FOLDS, Fold, expected_shrink, groups, held_out, left_alone, measure_gap, shrink_of
 from twin.diagnosis.problem import Problem
 
 COLUMNS = grid({0.0: (0.0, 90.0), 15.0: (50.0, 130.0), 30.0: (0.0, 60.0)}, 20.0)
@@ -39,15 +50,10 @@ def change_by(name: str, wanted: float) -> np.ndarray:
     return effect.log_ratio(at_severity(effect, wanted, RUN, way)[None])[0]
 
 
-def weights_of(given_problem: Problem, fit: Fit) -> np.ndarray:
-    log_weights = np.array([m.log_weight for m in given_problem.members])
-    return np.exp(fit.by_structure + log_weights - fit.log_evidence)
-
-
-def fitted(given_problem: Problem, name: str) -> tuple[Fit, np.ndarray]:
+def fitted(given_problem: Problem, name: str) -> Fit:
     fit = fit_single(given_problem.component(name), given_problem.residual, given_problem.members)
     assert fit is not None
-    return fit, weights_of(given_problem, fit)
+    return fit
 
 
 def test_shrink_is_that_of_the_data_contract():
@@ -85,30 +91,36 @@ def test_single_slice_is_held_out_in_blocks_of_neighbours():
 
 
 @cache
-def said_without_each_group() -> tuple[np.ndarray, np.ndarray, list[tuple[str, ...]]]:
-    """Readings, what is predicted for each group without it, and what was chosen."""
+def said_without_each_group() -> tuple[np.ndarray, list[Fold]]:
+    """Readings, and what is said of each group without it; of all structures, so that some have to be chosen."""
     change = errors(COLUMNS, KINDS[1], seed=3) + change_by("stray", 2.5)
-    table, chosen, _ = held_out(with_change(known(), change), np.ones(len(KINDS)))
-    return change, table, chosen
+    return change, held_out(with_change(every_structure(), change))
+
+
+@cache
+def every_structure() -> Problem:
+    return problem(RUN, [EFFECTS[name] for name in ("stray", "drift")])
 
 
 @pytest.mark.parametrize("fold", range(FOLDS))
 def test_what_is_said_of_a_group_does_not_depend_on_its_readings(fold: int):
-    change, before, chosen_before = said_without_each_group()
-    rows = groups(known())[fold]
+    change, said = said_without_each_group()
+    before = said[fold]
     altered = change.copy()
-    altered[rows] += 0.05 * np.random.default_rng(fold).standard_normal(len(rows))
-    after, chosen_after, _ = held_out(with_change(known(), altered), np.ones(len(KINDS)))
-    np.testing.assert_allclose(after[rows], before[rows], atol=1e-12)
-    assert chosen_after[fold] == chosen_before[fold]
-    assert "stray" in chosen_before[fold]
+    altered[before.rows] += 0.05 * np.random.default_rng(fold).standard_normal(len(before.rows))
+    after = held_out(with_change(every_structure(), altered))[fold]
+    np.testing.assert_allclose(after.table, before.table, atol=1e-12)
+    assert after.structures == before.structures
+    assert after.choice.names == before.choice.names
+    assert "stray" in before.choice.names
+    assert len(before.structures) < len(every_structure().structures)
 
 
 def test_gap_before_and_after_is_the_relative_difference_to_the_measurement():
     change = errors(COLUMNS, KINDS[0], seed=4) + change_by("stray", 3.0)
     here = with_change(known(), change)
-    leading, weights = fitted(here, "stray")
-    found = measure_gap(here, leading, weights)
+    leading = fitted(here, "stray")
+    found = measure_gap(here, leading)
     brf = here.run.brf
     assert found.before == pytest.approx(np.sqrt(np.mean(((here.nominal - brf) / brf) ** 2)))
     corrected = here.nominal * np.exp(leading.table)
@@ -119,20 +131,23 @@ def test_gap_before_and_after_is_the_relative_difference_to_the_measurement():
 def test_held_out_slices_improve_where_the_effect_is_there():
     change = errors(COLUMNS, KINDS[0], seed=5) + change_by("stray", 3.0)
     here = with_change(known(), change)
-    found = measure_gap(here, *fitted(here, "stray"))
+    found = measure_gap(here, fitted(here, "stray"))
     assert all("stray" in names for names in found.chosen)
     assert found.gain > 10
     assert found.heldout_after < 0.6 * found.heldout_before
     assert found.shrink > 0.7
-    variance = np.mean(here.noise_variance(weights_of(here, fitted(here, "stray")[0])))
+    variance = left_alone(here, held_out(here))
+    # Noise and budget as they were drawn, give or take how a structure scales the stability.
+    assert np.sqrt(variance) == pytest.approx(np.sqrt(NOISE**2 + STABILITY**2 + SCALE**2), rel=0.1)
     assert found.shrink == pytest.approx(shrink_of(found.heldout_before, found.heldout_after, variance))
     assert found.removable == pytest.approx(1 - np.sqrt(variance) / found.heldout_before)
+    assert found.plain_shrink == pytest.approx(1 - found.heldout_after / found.heldout_before)
 
 
 def test_sound_run_is_left_as_it_is():
     here = with_change(known(), errors(COLUMNS, KINDS[1], seed=6))
     none = fit_none(here.residual, here.members)
-    found = measure_gap(here, none, weights_of(here, none))
+    found = measure_gap(here, none)
     assert found.chosen == ((),) * FOLDS
     assert found.heldout_after == pytest.approx(found.heldout_before)
     assert found.gain == pytest.approx(0.0)
@@ -141,10 +156,19 @@ def test_sound_run_is_left_as_it_is():
 
 def test_interval_is_the_same_for_the_same_seed_and_lies_in_order():
     here = with_change(known(), errors(COLUMNS, KINDS[0], seed=7) + change_by("drift", 2.5))
-    leading, weights = fitted(here, "drift")
-    first, again = (expected_shrink(here, leading, weights, 1) for _ in range(2))
+    folds = held_out(here)
+    first, again = (expected_shrink(here, folds, left_alone(here, folds), 1) for _ in range(2))
     assert first == again
     assert first[0] < first[1] <= 1.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_interval_of_a_plain_effect_says_something(kind: str):
+    change = errors(COLUMNS, kind, seed=8) + change_by("stray", 3.0)
+    here = with_change(known(), change)
+    found = measure_gap(here, fitted(here, "stray"))
+    assert found.interval[0] > 0.3
+    assert found.interval[1] - found.interval[0] < 0.6
 
 
 @pytest.mark.slow
@@ -152,7 +176,7 @@ def test_shrink_on_held_out_slices_lies_in_the_interval_expected_before():
     held, drawn = 0, 16
     for seed in range(drawn):
         here = with_change(known(), errors(COLUMNS, KINDS[seed % 3], seed) + change_by("stray", 2.5))
-        found = measure_gap(here, *fitted(here, "stray"))
+        found = measure_gap(here, fitted(here, "stray"))
         held += found.interval[0] - 1e-9 <= found.shrink <= found.interval[1] + 1e-9
     # Of intervals that hold nine times in ten fewer would be seen less than once in 1000 times.
     assert held >= 10
