@@ -28,6 +28,11 @@ class ArmForm(Form):
         Of every move, degree/s and degree/s^2.
     tolerance
         Largest distance from the target that counts as in position, degree.
+    approach
+        ``rising`` or ``falling``: targets are always reached on rising or on falling angles, whatever the play of the
+        gears.
+    backlash
+        How far beyond its target the arm goes first where it would come from the other side, degree.
     """
 
     sign: Literal[-1, 1] = 1
@@ -37,17 +42,30 @@ class ArmForm(Form):
     velocity: PositiveFloat
     acceleration: PositiveFloat
     tolerance: Annotated[float, Field(gt=0, le=1)] = 0.01
+    approach: Literal["either", "rising", "falling"] = "either"
+    backlash: Annotated[float, Field(ge=0, le=20)] = 0.0
 
     @model_validator(mode="after")
     def _travel(self) -> Self:
         if not self.lower < self.upper:
             raise ValueError(f"lower ({self.lower:g}) must be less than upper ({self.upper:g})")
+        if (self.approach == "either") != (self.backlash == 0):
+            raise ValueError(
+                f"approach ({self.approach}) and backlash ({self.backlash:g}) belong together: from which side targets"
+                " are reached, and how far beyond them the arm goes first"
+            )
+        if 0 < self.backlash <= 2 * self.tolerance:
+            raise ValueError(
+                f"backlash ({self.backlash:g}) must be more than twice the tolerance ({self.tolerance:g}), or the"
+                " drive need not move"
+            )
         return self
 
     @property
     def limits(self) -> AxisLimits:
         """Travel and speed as the instrument sees them."""
-        return AxisLimits(self.lower, self.upper, self.velocity, self.acceleration)
+        side = {"either": 0, "rising": 1, "falling": -1}[self.approach]
+        return AxisLimits(self.lower, self.upper, self.velocity, self.acceleration, side, self.backlash)
 
 
 class ArmScale:

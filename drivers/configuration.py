@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, PositiveFloat
 from drivers.clock import Clock
 from drivers.errors import CommunicationError, ConfigurationError, DeviceError
 from drivers.forms import Form, check_form
-from drivers.interfaces import ROLES, Device, Laboratory
+from drivers.interfaces import OPTIONAL_ROLES, ROLES, Device, Laboratory
 from drivers.lines import LineForm, OpenLine
 
 GROUP = "goniotwin.devices"
@@ -209,7 +209,7 @@ def _make(plan: PlannedDevice, form: DevicesForm, clock: Clock, lines: dict[str,
     if plan.line not in lines:
         lines[plan.line] = _open(plan, form)
     device = plan.driver(plan.role, lines[plan.line], plan.options, clock)
-    wanted = ROLES.get(plan.role, Device)
+    wanted = (ROLES | OPTIONAL_ROLES).get(plan.role, Device)
     if not isinstance(device, wanted):
         raise ConfigurationError(
             f"{form.source}: devices.{plan.role}.driver: {plan.driver_name!r} is no {wanted.__name__}, "

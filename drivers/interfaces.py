@@ -35,12 +35,23 @@ class AxisStatus:
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """Travel in degree, top speed in degree/s and acceleration in degree/s^2 of an axis."""
+    """Travel in degree, top speed in degree/s and acceleration in degree/s^2 of an axis.
+
+    Attributes
+    ----------
+    approach
+        From which side a target is always reached, so that play in the gears does not show: 1 on rising angles, -1 on
+        falling ones, 0 from either.
+    backlash
+        How far beyond a target an axis goes first that would come from the wrong side, degree.
+    """
 
     lower: float
     upper: float
     velocity: float
     acceleration: float
+    approach: int = 0
+    backlash: float = 0.0
 
 
 @runtime_checkable
@@ -233,6 +244,9 @@ ROLES: dict[str, type] = {
     "shutter": Shutter,
 }
 
+#: Roles that a laboratory may have besides, and the protocol each has to satisfy where it is filled.
+OPTIONAL_ROLES: dict[str, type] = {"sample_rotation": Axis, "polarizer": Axis}
+
 
 @dataclass
 class Laboratory:
@@ -259,6 +273,11 @@ class Laboratory:
             "sensor_azimuth": self.sensor_azimuth,
             "sensor_zenith": self.sensor_zenith,
         }
+
+    def stages(self) -> dict[str, Axis]:
+        """Motorised axes beside the arms by their role: a stage that turns the sample, a polariser."""
+        stages = {role: self.others[role] for role in ("sample_rotation", "polarizer") if role in self.others}
+        return {role: stage for role, stage in stages.items() if isinstance(stage, Axis)}
 
     def close(self) -> None:
         """Release every wire."""

@@ -153,7 +153,7 @@ class ScanEngine:
         self._preflight(station)
         attendance = Attendance(station, self._report, self._controls, self._job.settings, self._job.files.run_dir)
         self._report.to(S.HOMING)
-        for axis in station.laboratory.axes():
+        for axis in (*station.laboratory.axes(), *station.laboratory.stages()):
             attendance.attended(S.HOMING, partial(station.mover.home, axis))
         self._calibrate(station, attendance)
         for index in self._progress.missing():
@@ -179,6 +179,7 @@ class ScanEngine:
         stops = [(f"reference {i + 1}", geometry) for i, geometry in self._job.missing_references()]
         stops += [(f"point {i + 1} of {total}", self._job.plan.points[i]) for i in self._progress.missing()]
         checked = check_plan(stops, start, station.envelope)
+        station.stages.check(geometry for _, geometry in stops)
         station.light.check_range(stop.wavelength for _, stop in stops)
         self._announce_start(self._estimate(checked))
         if checked.detours:

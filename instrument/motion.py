@@ -77,6 +77,10 @@ class Mover:
         """Actual position of every arm, degree."""
         return {name: ask(axis.position) for name, axis in self._axes.items()}
 
+    def readback_of(self, name: str) -> float:
+        """Actual position of one axis, degree."""
+        return ask(self._axes[name].position)
+
     def pose(self) -> Pose:
         """Where the arms stand."""
         positions = self.readback()

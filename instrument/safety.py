@@ -18,11 +18,14 @@ from itertools import count, permutations
 from typing import NamedTuple
 
 from drivers.interfaces import AxisLimits
+from instrument.approach import Leg, beyond_target, one_sided
 from instrument.durations import AXES, move_time
 from instrument.errors import InputError, SafetyError
 from instrument.events import Geometry
 from instrument.facility import Arms
 from instrument.plan import SHADOW_SLACK, describe
+
+__all__ = ["Box", "CheckedPlan", "Envelope", "Leg", "Pose", "check_plan", "closest"]
 
 #: Spacing of the ways around the cone that are tried, degree: a coarse lattice first.
 _DETOUR_STEPS = (45.0, 15.0)
@@ -88,14 +91,6 @@ class Box(NamedTuple):
         return True
 
 
-class Leg(NamedTuple):
-    """One arm moves, the others stand."""
-
-    axis: str
-    start: float
-    target: float
-
-
 def closest(pose: Pose, leg: Leg) -> float:
     """Smallest angle (degree) between illumination and sensor direction while one arm moves.
 
@@ -137,7 +132,9 @@ class Envelope:
     cone: float
     speeds: Mapping[str, AxisLimits] = field(default_factory=dict)
     keep_out: tuple[Box, ...] = ()
-    _known: dict[tuple[Pose, Pose], tuple[Leg, ...]] = field(default_factory=dict, repr=False, compare=False)
+    _known: dict[tuple[Pose, Pose, frozenset[str]], tuple[Leg, ...]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, arms: Arms, limits: Mapping[str, AxisLimits]) -> Envelope:
@@ -181,6 +178,7 @@ class Envelope:
                     f"{name}: {axis}: found {value:g} degrees, beyond the arm; expected {low:g} to {high:g}"
                     f" ({describe(geometry)})"
                 )
+            self._check_approach(axis, value, name)
         if pose.separation() < self.cone - SHADOW_SLACK:
             raise SafetyError(
                 f"{name}: {describe(geometry)}: {pose.separation():.2f} degrees from retro-reflection, the detector"
@@ -190,6 +188,22 @@ class Envelope:
             if box.touched(pose):
                 raise SafetyError(f"{name}: {describe(geometry)}: lies where the arms are kept out ({box.name})")
         return pose
+
+    def _check_approach(self, axis: str, value: float, name: str) -> None:
+        if axis not in self.one_sided:
+            return
+        (low, high), first = self.travel[axis], beyond_target(value, self.speeds[axis])
+        if not low <= first <= high:
+            side = "rising" if self.speeds[axis].approach > 0 else "falling"
+            raise InputError(
+                f"{name}: {axis}: {value:g} degrees cannot be reached on {side} angles: the arm would go to {first:g}"
+                f" first, beyond its travel of {low:g} to {high:g}"
+            )
+
+    @property
+    def one_sided(self) -> frozenset[str]:
+        """Arms that reach their targets from one side only."""
+        return frozenset(axis for axis, limits in self.speeds.items() if limits.approach)
 
     def clear(self, pose: Pose, leg: Leg) -> bool:
         """Whether an arm may move: within its travel (or towards it), and never closer to the beam than the cone.
@@ -204,8 +218,13 @@ class Envelope:
             return False
         return closest(pose, leg) >= min(self.cone, pose.separation()) - SHADOW_SLACK
 
-    def route(self, start: Pose, target: Pose) -> tuple[Leg, ...]:
+    def route(self, start: Pose, target: Pose, loose: frozenset[str] = frozenset()) -> tuple[Leg, ...]:
         """Moves, one arm at a time, from a pose to another: the direct way, or else the shortest found around.
+
+        Parameters
+        ----------
+        loose
+            Arms whose gears may be anywhere within their play: those that have an approach are made to take it.
 
         Raises
         ------
@@ -217,16 +236,17 @@ class Envelope:
                 raise SafetyError(
                     f"the arms stand at {_say(start)}, where they are kept out ({box.name}); bring them out by hand"
                 )
-        if (start, target) not in self._known:
-            self._known[start, target] = self._find(start, target)
-        return self._known[start, target]
+        key = (start, target, loose & self.one_sided)
+        if key not in self._known:
+            self._known[key] = self._find(*key)
+        return self._known[key]
 
-    def _find(self, start: Pose, target: Pose) -> tuple[Leg, ...]:
-        direct = min(self._direct(start, target), key=self._cost, default=None)
+    def _find(self, start: Pose, target: Pose, loose: frozenset[str]) -> tuple[Leg, ...]:
+        direct = min(self._direct(start, target, loose), key=self._cost, default=None)
         if direct is not None:
             return direct
         for step in _DETOUR_STEPS:
-            around = self._search(start, target, step)
+            around = self._search(start, target, loose, step)
             if around is not None:
                 return around
         raise SafetyError(
@@ -234,40 +254,55 @@ class Envelope:
             " travel of the arms; reorder the plan or widen the travel"
         )
 
-    def _direct(self, start: Pose, target: Pose) -> Iterator[tuple[Leg, ...]]:
-        for order in permutations(leg.axis for leg in _straight(start, target)):
-            legs, pose = [], start
+    def _direct(self, start: Pose, target: Pose, loose: frozenset[str]) -> Iterator[tuple[Leg, ...]]:
+        for order in permutations(_to_move(start, target, loose)):
+            legs: list[Leg] = []
+            pose = start
             for axis in order:
-                leg = Leg(axis, getattr(pose, axis), getattr(target, axis))
-                if not self.clear(pose, leg):
+                moves = self._moves(pose, axis, getattr(target, axis), loose)
+                if moves is None:
                     break
-                legs.append(leg)
-                pose = pose.moved(axis, leg.target)
+                legs += moves
+                pose = pose.moved(axis, getattr(target, axis))
             else:
                 yield tuple(legs)
 
-    def _search(self, start: Pose, target: Pose, step: float) -> tuple[Leg, ...] | None:
+    def _moves(self, pose: Pose, axis: str, target: float, loose: frozenset[str]) -> tuple[Leg, ...] | None:
+        """What brings one arm to a target from the side it has to come from; None where it must not go there."""
+        leg = Leg(axis, getattr(pose, axis), target)
+        moves = one_sided(leg, self.speeds.get(axis), loose=axis in loose)
+        for move in moves:
+            if not self.clear(pose, move):
+                return None
+            pose = pose.moved(axis, move.target)
+        return moves
+
+    def _search(self, start: Pose, target: Pose, loose: frozenset[str], step: float) -> tuple[Leg, ...] | None:
         """The A* algorithm over a lattice of poses; what a direct way would still cost never overestimates."""
         stops = self._stops(start, target, step)
         order = count()
-        queue: list[tuple[float, int, float, Pose, tuple[Leg, ...]]] = [(0.0, next(order), 0.0, start, ())]
-        done: set[Pose] = set()
+        queue: list[tuple[float, int, float, Pose, frozenset[str], tuple[Leg, ...]]] = [
+            (0.0, next(order), 0.0, start, loose, ())
+        ]
+        done: set[tuple[Pose, frozenset[str]]] = set()
         while queue:
-            _, _, cost, pose, legs = heapq.heappop(queue)
-            if pose == target:
+            _, _, cost, pose, still_loose, legs = heapq.heappop(queue)
+            if pose == target and not still_loose:
                 return legs
-            if pose in done:
+            if (pose, still_loose) in done:
                 continue
-            done.add(pose)
+            done.add((pose, still_loose))
             for axis in AXES:
-                here = getattr(pose, axis)
+                engaged = still_loose - {axis}
                 for value in stops[axis]:
-                    leg = Leg(axis, here, value)
                     after = pose.moved(axis, value)
-                    if value != here and after not in done and self.clear(pose, leg):
-                        spent = cost + self._cost((leg,))
+                    if (after, engaged) in done:
+                        continue
+                    moves = self._moves(pose, axis, value, still_loose)
+                    if moves:
+                        spent = cost + self._cost(moves)
                         likely = spent + self._cost(_straight(after, target))
-                        heapq.heappush(queue, (likely, next(order), spent, after, (*legs, leg)))
+                        heapq.heappush(queue, (likely, next(order), spent, after, engaged, (*legs, *moves)))
         return None
 
     def _stops(self, start: Pose, target: Pose, step: float) -> dict[str, list[float]]:
@@ -308,7 +343,7 @@ class CheckedPlan:
     moving_time
         Laboratory seconds of all moves.
     detours
-        How many points need a way around the cone.
+        How many points need a way around the cone, or around where arms are kept out.
     """
 
     start: Pose
@@ -325,7 +360,7 @@ def check_plan(points: Iterable[tuple[str, Geometry]], start: Pose, envelope: En
     points
         Name (for messages) and geometry, in the order in which they are measured.
     start
-        Where the arms will stand at the beginning.
+        Where the arms will stand at the beginning, their gears loose.
 
     Raises
     ------
@@ -335,16 +370,21 @@ def check_plan(points: Iterable[tuple[str, Geometry]], start: Pose, envelope: En
         If a point lies in the shadow cone, or no allowed way leads to it.
     """
     named = [(name, envelope.check_point(geometry, name)) for name, geometry in points]
-    routes, pose, detours = [], start, 0
+    routes, pose, detours, loose = [], start, 0, envelope.one_sided
     for name, target in named:
         try:
-            legs = envelope.route(pose, target)
+            legs = envelope.route(pose, target, loose)
         except SafetyError as error:
             raise SafetyError(f"{name}: {error}") from None
-        detours += len(legs) > len(_straight(pose, target))
+        detours += sum(not leg.overshoot for leg in legs) > len(_to_move(pose, target, loose))
         routes.append(legs)
-        pose = target
+        pose, loose = target, frozenset()
     return CheckedPlan(start, tuple(routes), sum(envelope.duration(legs) for legs in routes), detours)
+
+
+def _to_move(start: Pose, target: Pose, loose: frozenset[str]) -> list[str]:
+    """Arms that cannot stay as they are."""
+    return [axis for axis, a, b in zip(AXES, start, target, strict=True) if a != b or axis in loose]
 
 
 def _straight(start: Pose, target: Pose) -> list[Leg]:

@@ -11,13 +11,14 @@ from drivers.interfaces import Laboratory
 from instrument.acquisition import Acquisition, Burst, NoLight
 from instrument.control import Controls, ask
 from instrument.durations import AXES
-from instrument.events import Geometry
+from instrument.events import Geometry, Polarization
 from instrument.facility import Arms
 from instrument.hindrances import LightUnstable
 from instrument.light import Light
 from instrument.motion import Mover
 from instrument.safety import Envelope, Pose
 from instrument.settings import ScanSettings
+from instrument.stages import Stages, mean_of, parts_of
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +49,8 @@ class Station:
         self.laboratory = laboratory
         axes = laboratory.axes()
         self.envelope = Envelope.of(arms, {name: axis.limits for name, axis in axes.items()})
-        self.mover = Mover(axes, clock, controls, decided, settings.motion)
+        self.mover = Mover(axes | laboratory.stages(), clock, controls, decided, settings.motion)
+        self.stages = Stages(laboratory.stages(), arms, self.mover)
         self.light = Light(laboratory.source, laboratory.selector, controls, settings)
         self.acquisition = Acquisition(
             laboratory.detector,
@@ -61,9 +63,11 @@ class Station:
         )
         self._clock, self._controls, self._settings = clock, controls, settings
         self._commanded: Pose | None = None
+        self._loose = self.envelope.one_sided
+        self._polarizations: tuple[Polarization | None, ...] = (None,)
 
     def go(self, geometry: Geometry) -> None:
-        """Bring arms and filter to a geometry, one arm after the other, around the cone where need be.
+        """Bring stages, arms and filter to a geometry, one after the other, around the cone where need be.
 
         Raises
         ------
@@ -73,10 +77,20 @@ class Station:
             From the arms.
         """
         self.light.select(geometry.wavelength)
-        target = Pose.of(geometry)
-        for leg in self.envelope.route(self.pose(), target):
+        self.stages.go(geometry)
+        self._polarizations = parts_of(geometry.polarization)
+        target, here = Pose.of(geometry), self.pose()
+        legs = self.envelope.route(here, target, self._loose | self._displaced(here))
+        self._loose = self.envelope.one_sided  # until the way is gone to its end
+        for leg in legs:
             self.mover.move(leg.axis, leg.target)
-        self._commanded = target
+        self._commanded, self._loose = target, frozenset()
+
+    def _displaced(self, here: Pose) -> frozenset[str]:
+        """Arms that do not stand where they were sent."""
+        if self._commanded is None:
+            return frozenset(AXES)
+        return frozenset(axis for axis, a, b in zip(AXES, self._commanded, here, strict=True) if a != b)
 
     def pose(self) -> Pose:
         """Where the arms stand; as commanded, where the readback agrees within tolerance."""
@@ -91,7 +105,7 @@ class Station:
         )
 
     def read(self, samples: int) -> tuple[Burst, dict[str, Any]]:
-        """Settle, make sure of the light, take one reading.
+        """Settle, make sure of the light, take one reading; where both polarisations are wanted, one of each.
 
         Returns
         -------
@@ -100,6 +114,15 @@ class Station:
         dict
             What a record of the journal says beside geometry and index: time, readings, readbacks.
         """
+        if len(self._polarizations) == 1:
+            return self._read_once(samples)
+        read = []
+        for polarization in self._polarizations:
+            self.stages.polarize(polarization)
+            read.append((polarization, *self._read_once(samples)))
+        return mean_of(read)
+
+    def _read_once(self, samples: int) -> tuple[Burst, dict[str, Any]]:
         acquisition = self._settings.acquisition
         self._controls.sleep(max(acquisition.settling, self._settings.dwell - self.acquisition.last_duration))
         self.light.check()
@@ -160,14 +183,16 @@ class Station:
         ------
         MotionFailed, DeviceFault
         """
-        self._commanded = None
+        self._commanded, self._loose = None, self.envelope.one_sided
+        self.stages.forget()
         self.acquisition.forget_gain()
         self.rest()
         return self.mover.readback()
 
     def unhomed(self) -> dict[str, str]:
         """Arms that do not know their zero, and what else their drives say."""
-        statuses = {name: ask(axis.status) for name, axis in self.laboratory.axes().items()}
+        axes = self.laboratory.axes() | self.laboratory.stages()
+        statuses = {name: ask(axis.status) for name, axis in axes.items()}
         return {name: status.fault or "no fault" for name, status in statuses.items() if not status.homed}
 
     def make_safe(self) -> list[Exception]:

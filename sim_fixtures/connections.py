@@ -9,7 +9,7 @@ from typing import Any
 import tomli_w
 
 from instrument.facility import Facility
-from sim_fixtures.room import AZ_ADDRESS, ESP301_AXES, IO_ADDRESS, SMC100_ADDRESSES
+from sim_fixtures.room import AZ_ADDRESS, ESP301_AXES, IO_ADDRESS, SMC100_ADDRESSES, STAGE_ADDRESSES
 
 #: Arms: degree/s, degree/s^2; a step of 5 degrees takes 1.4 s.
 _ARM = {"velocity": 20.0, "acceleration": 10.0}
@@ -37,7 +37,7 @@ def write_devices(path: Path, ports: Mapping[str, str], meter: int, speed: float
         "version": 1,
         "clock": {"speed": float(speed)},
         "lines": _lines(ports, meter),
-        "devices": _arms(facility) | _optics() | _detection(),
+        "devices": _arms(facility) | _stages(ports, facility) | _optics() | _detection(),
     }
     path.write_text("# Connections of the simulated laboratory.\n" + tomli_w.dumps(form), encoding="utf-8")
 
@@ -55,7 +55,7 @@ def write_alternative(path: Path, ports: Mapping[str, str], meter: int, speed: f
         "version": 1,
         "clock": {"speed": float(speed)},
         "lines": lines,
-        "devices": arms | _optics() | _detection(),
+        "devices": arms | _stages(ports, facility) | _optics() | _detection(),
     }
     path.write_text("# The simulated laboratory, its arms on an ESP301.\n" + tomli_w.dumps(form), encoding="utf-8")
 
@@ -63,7 +63,8 @@ def write_alternative(path: Path, ports: Mapping[str, str], meter: int, speed: f
 def _lines(ports: Mapping[str, str], meter: int) -> dict[str, Any]:
     # Replies may wait for the optical model on a busy machine: time-outs leave room for that. Lines run at the highest
     # rate the devices can be set to: Modbus clients keep a silence of some characters, which no clock makes faster.
-    return {
+    stages = {"stages": {"kind": "serial", "port": ports["stages"], "baudrate": 57600, "timeout": 1.0}}
+    return (stages if "stages" in ports else {}) | {
         "sensor-arms": {"kind": "serial", "port": ports["sensor-arms"], "baudrate": 57600, "timeout": 1.0},
         "illumination-arm": {
             "kind": "modbus-serial",
@@ -99,6 +100,18 @@ def _arms(facility: Facility) -> dict[str, Any]:
         },
         "sensor_azimuth": smc100 | {"address": azimuth} | travel["sensor_azimuth"],
         "sensor_zenith": smc100 | {"address": zenith} | travel["sensor_zenith"],
+    }
+
+
+def _stages(ports: Mapping[str, str], facility: Facility) -> dict[str, Any]:
+    """What the facility has beside the arms."""
+    if "stages" not in ports:
+        return {}
+    smc100 = {"driver": "newport-smc100", "line": "stages", "tolerance": 0.002}
+    return {
+        name: smc100 | {"address": address} | _travel(facility, name)
+        for address, name in STAGE_ADDRESSES.items()
+        if getattr(facility.arms, name) is not None
     }
 
 

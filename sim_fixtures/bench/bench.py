@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from instrument.facility import Facility
+from instrument.facility import STAGES, Facility
 from sim_fixtures.bench.axis import AxisDesign, AxisModel
 from sim_fixtures.bench.clock import Time
 from sim_fixtures.bench.detector import Amplifier, Electronics, Noise, output_voltage
@@ -19,8 +19,20 @@ from sim_fixtures.bench.troubles import Troubles
 AXES = ("illumination_zenith", "sensor_zenith", "sensor_azimuth")
 
 #: Encoder step (degree) and where the arm stands at power-on.
-_STEP = {"illumination_zenith": 0.01, "sensor_zenith": 0.0005, "sensor_azimuth": 0.0005}
-_PARKED = {"illumination_zenith": 7.5, "sensor_zenith": -12.0, "sensor_azimuth": 20.0}
+_STEP = {
+    "illumination_zenith": 0.01,
+    "sensor_zenith": 0.0005,
+    "sensor_azimuth": 0.0005,
+    "sample_rotation": 0.0005,
+    "polarizer": 0.0005,
+}
+_PARKED = {
+    "illumination_zenith": 7.5,
+    "sensor_zenith": -12.0,
+    "sensor_azimuth": 20.0,
+    "sample_rotation": 3.0,
+    "polarizer": 5.0,
+}
 #: Limit switches lie this far outside the range of use, degree.
 _MARGIN = 5.0
 
@@ -65,7 +77,8 @@ class Bench:
         self.facility, self.clock = facility, clock
         self.electronics = electronics or Electronics()
         self.lock = threading.RLock()
-        self.axes = {name: AxisModel(name, _design(name, facility), clock) for name in AXES}
+        stages = [name for name in STAGES if getattr(facility.arms, name) is not None]
+        self.axes = {name: AxisModel(name, _design(name, facility), clock) for name in (*AXES, *stages)}
         self.source, self.selector, self.shutter = Source(now=clock.now), Selector(), Shutter(clock)
         self.amplifier = Amplifier(clock, self.electronics.settling)
         self.mounted: str = "reference"
@@ -189,7 +202,9 @@ class Bench:
     def _geometry(self, angle: Callable[[AxisModel], float]) -> Geometry:
         illumination_zenith, sensor_zenith, sensor_azimuth = (angle(self.axes[name]) for name in AXES)
         wavelength = self.selector.wavelengths[0]
-        return Geometry(self.mounted, illumination_zenith, sensor_zenith, sensor_azimuth, wavelength)
+        turned, polarizer = (angle(self.axes[name]) if name in self.axes else None for name in STAGES)
+        arms = (illumination_zenith, sensor_zenith, sensor_azimuth)
+        return Geometry(self.mounted, *arms, wavelength, turned or 0.0, polarizer)
 
     def _current(self, moment: Snapshot) -> float:
         beams = ((moment.geometry.wavelength, moment.light), *moment.further)
@@ -204,7 +219,7 @@ class Bench:
         current = self._current(moment)
         with self.lock:
             self.readings += 1
-            relative, additive = self._noise.draw((*moment.geometry, moment.light > 0))
+            relative, additive = self._noise.draw((*moment.geometry.arguments(), moment.light > 0))
         current *= 1 + self._noise.relative(moment.geometry.mounted, moment.geometry.sensor_zenith) * relative
         linear = self.troubles.response(current * moment.gain) / moment.gain
         readout = self.electronics.readout_noise * additive + moment.leak

@@ -11,21 +11,37 @@ import threading
 from concurrent.futures import Future
 from typing import Any, Literal, NamedTuple, Protocol
 
+from sim_fixtures.polarizer import USUAL_AMPLITUDE, behind_polarizer
+
 Mounted = Literal["reference", "sample"]
+#: How much more light the plain sample sends sideways when it is turned by 45 degrees.
+_GRAIN = 0.05
 
 
 class Geometry(NamedTuple):
-    """What the flux depends on: angles in degree, wavelength in nm."""
+    """What the flux depends on: angles in degree, wavelength in nm; ``polarizer`` None where there is none."""
 
     mounted: str
     illumination_zenith: float
     sensor_zenith: float
     sensor_azimuth: float
     wavelength: float
+    sample_rotation: float = 0.0
+    polarizer: float | None = None
 
     def rounded(self) -> Geometry:
         """The same to 0.01 degree and 0.01 nm, as the cache knows it (``+ 0.0`` turns -0.0 into 0.0)."""
-        return Geometry(self.mounted, *(round(value, 2) + 0.0 for value in self[1:]))
+        polarizer = None if self.polarizer is None else round(self.polarizer, 2) + 0.0
+        return Geometry(
+            self.mounted,
+            *(round(value, 2) + 0.0 for value in self[1:5]),
+            sample_rotation=round(self.sample_rotation, 2) + 0.0,
+            polarizer=polarizer,
+        )
+
+    def arguments(self) -> tuple[Any, ...]:
+        """What a flux function is asked with; one that knows three arms only is asked for no more."""
+        return tuple(self) if self.sample_rotation or self.polarizer is not None else self[:5]
 
 
 class FluxFunction(Protocol):
@@ -38,6 +54,8 @@ class FluxFunction(Protocol):
         sensor_zenith: float,
         sensor_azimuth: float,
         wavelength: float,
+        sample_rotation: float = 0.0,
+        polarizer: float | None = None,
     ) -> float: ...
 
 
@@ -47,14 +65,24 @@ def lambertian_flux(
     sensor_zenith: float,
     sensor_azimuth: float,
     wavelength: float,
+    sample_rotation: float = 0.0,
+    polarizer: float | None = None,
 ) -> float:
     """Flux of a flat Lambertian sample (reflectance factor 0.5; reference 0.99) with a narrow parallel beam.
 
     The spot lies within the field of view, so that the detected flux goes with the cosine of the sensor zenith;
-    1 at sensor zenith 15 degrees and reflectance factor 1, whatever the illumination.
+    1 at sensor zenith 15 degrees and reflectance factor 1, whatever the illumination. The sample has a grain that shows
+    when it is turned.
     """
     reflectance = 0.99 if mounted == "reference" else 0.5
-    return reflectance * max(math.cos(math.radians(sensor_zenith)), 0.0) / math.cos(math.radians(15.0))
+    flux = reflectance * max(math.cos(math.radians(sensor_zenith)), 0.0) / math.cos(math.radians(15.0))
+    if mounted == "sample":
+        flux *= (
+            1.0 + _GRAIN * math.sin(math.radians(sensor_zenith)) ** 2 * math.sin(2 * math.radians(sample_rotation)) ** 2
+        )
+    if polarizer is None:
+        return flux
+    return flux * behind_polarizer(polarizer, sensor_zenith, sensor_azimuth, USUAL_AMPLITUDE)
 
 
 class FluxAhead:
@@ -105,7 +133,7 @@ class FluxAhead:
                 future = self._known[geometry] = Future()
         if mine:
             try:
-                future.set_result(float(self._flux(*geometry)))
+                future.set_result(float(self._flux(*geometry.arguments())))
             except Exception as error:  # noqa: BLE001 - handed on to whoever asks for the value
                 future.set_exception(error)
         return future

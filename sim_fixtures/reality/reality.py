@@ -16,6 +16,7 @@ import numpy as np
 from instrument.angles import FloatArray, angle_between, direction
 from instrument.artifact import ArtifactDimensions
 from instrument.facility import Facility
+from sim_fixtures.polarizer import DEGREE, behind_polarizer, response
 from sim_fixtures.reality.bundle import ACROSS, Bundle, Pose, beam_bundle, seen_from_sample, sensor_bundle
 from sim_fixtures.reality.cache import Cache
 from sim_fixtures.reality.coating import EXAMPLE_COATING, Coating
@@ -90,6 +91,8 @@ class Reality:
         sensor_zenith: float,
         sensor_azimuth: float,
         wavelength: float = 500.0,
+        sample_rotation: float = 0.0,
+        polarizer: float | None = None,
     ) -> float:
         """Detected flux.
 
@@ -101,6 +104,10 @@ class Reality:
             What the arms show, degree; the sensor zenith signed.
         wavelength
             nm.
+        sample_rotation
+            What the stage under the sample shows, degree.
+        polarizer
+            Azimuth of its axis from the plane of incidence, degree; None where there is none.
 
         Returns
         -------
@@ -109,8 +116,11 @@ class Reality:
             geometry. 0 where the detector's head shadows the beam.
         """
         angles = tuple(round(float(a), _DECIMALS) for a in (illumination_zenith, sensor_zenith, sensor_azimuth))
-        key = (mounted, *angles, float(wavelength))
-        return self._fluxes.get(key, lambda: self._flux(mounted, angles[0], angles[1], angles[2], float(wavelength)))
+        turned = round(float(sample_rotation), _DECIMALS)
+        key = (mounted, *angles, float(wavelength), turned, "none" if polarizer is None else float(polarizer))
+        return self._fluxes.get(
+            key, lambda: self._flux(mounted, angles[0], angles[1], angles[2], float(wavelength), turned, polarizer)
+        )
 
     def flux_many(
         self,
@@ -167,6 +177,8 @@ class Reality:
         sensor_zenith: float,
         sensor_azimuth: float,
         wavelength: float,
+        turned: float,
+        polarizer: float | None,
     ) -> float:
         if self._shadowed(illumination_zenith, sensor_zenith, sensor_azimuth):
             return 0.0
@@ -175,18 +187,21 @@ class Reality:
             stated = self.facility.reference.reflectance_factor
             radiance = stated * self.imperfections.reference_reflectance * lambertian_radiance(beam, sensor)
         else:
-            radiance = self._sample_radiance(beam, sensor, illumination_zenith, wavelength)
+            radiance = self._sample_radiance(beam, sensor, illumination_zenith, wavelength, turned)
             drift = self._stability.value(illumination_zenith, sensor_zenith, sensor_azimuth)
             radiance *= 1.0 + self.imperfections.stability * drift
-        return radiance * self._response(sensor_zenith, sensor_azimuth) / self._nominal_reference
+        return radiance * self._response(sensor_zenith, sensor_azimuth, polarizer) / self._nominal_reference
 
-    def _sample_radiance(self, beam: Bundle, sensor: Bundle, illumination_zenith: float, wavelength: float) -> float:
-        beam, sensor = seen_from_sample(beam, self._pose), seen_from_sample(sensor, self._pose)
+    def _sample_radiance(
+        self, beam: Bundle, sensor: Bundle, illumination_zenith: float, wavelength: float, turned: float
+    ) -> float:
+        pose = self._turned(turned)
+        beam, sensor = seen_from_sample(beam, pose), seen_from_sample(sensor, pose)
         reflection = spoiled_reflection(self.coating, self.imperfections.coating, wavelength)
         if not self._forward:
             sight = trace(self._scene, reflection, sensor, self.rays, self.seed)
             return collect(self._scene, reflection, sight, beam, self.seed)
-        key = (illumination_zenith, wavelength)
+        key = (illumination_zenith, wavelength, turned)
         lit = self._lit.get(key, lambda: trace(self._scene, reflection, beam, self.rays, self.seed))
         return collect(self._scene, reflection, lit, sensor, self.seed)
 
@@ -210,10 +225,12 @@ class Reality:
             return sensor
         return sensor._replace(centre=sensor.centre + wrong.optics.sensor_runout_mm * sensor.frame[ACROSS])
 
-    def _response(self, sensor_zenith: float, sensor_azimuth: float) -> float:
-        """Response of the detector to light of a direction, 1 for a perfect one."""
-        zenith_rad, azimuth_rad = np.deg2rad([sensor_zenith, sensor_azimuth])
-        return float(1.0 + self.imperfections.polarization * np.cos(2.0 * azimuth_rad) * np.sin(zenith_rad) ** 2)
+    def _response(self, sensor_zenith: float, sensor_azimuth: float, polarizer: float | None) -> float:
+        """Response of the detector to light of a direction, 1 for a perfect one without a polariser."""
+        amplitude = self.imperfections.polarization
+        if polarizer is None:
+            return response(amplitude, sensor_zenith, sensor_azimuth)
+        return behind_polarizer(polarizer, sensor_zenith, sensor_azimuth, amplitude / DEGREE)
 
     def _shadowed(self, illumination_zenith: float, sensor_zenith: float, sensor_azimuth: float) -> bool:
         gap = angle_between(direction(illumination_zenith, 0.0), direction(sensor_zenith, sensor_azimuth))
@@ -221,17 +238,22 @@ class Reality:
 
     @cached_property
     def _pose(self) -> Pose:
+        return self._turned(0.0)
+
+    def _turned(self, angle: float) -> Pose:
+        """Where the sample lies when the stage has turned it by so many degrees; its tilt is that of the stage."""
         wrong = self.imperfections
+        azimuth = wrong.sample_azimuth_deg + angle
         pose = Pose.of(
             wrong.sample_tilt_x_deg,
             wrong.sample_tilt_y_deg,
-            wrong.sample_azimuth_deg,
+            azimuth,
             (wrong.sample_offset_x_mm, wrong.sample_offset_y_mm),
             wrong.sample_height_mm,
         )
         if not any(wrong.sample_pivot_mm):
             return pose
-        pivot = Pose.of(azimuth_deg=wrong.sample_azimuth_deg).rotation @ np.array(wrong.sample_pivot_mm)
+        pivot = Pose.of(azimuth_deg=azimuth).rotation @ np.array(wrong.sample_pivot_mm)
         tilt = Pose.of(wrong.sample_tilt_x_deg, wrong.sample_tilt_y_deg).rotation
         return Pose(pose.rotation, pose.shift + pivot - tilt @ pivot)
 
