@@ -85,6 +85,7 @@ def _group(groups: dict[str, typer.Typer], path: str) -> typer.Typer:
 _GROUP_HELP = {
     "runs": "Measured runs: list, show, compare, verify.",
     "devices": "Connections to the instrument, real or simulated.",
+    "calibrate": "Calibration procedures, their results and charts.",
 }
 
 

@@ -7,7 +7,7 @@ import select
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
@@ -18,6 +18,7 @@ from instrument.errors import EXIT_BAD_INPUT, EXIT_DEVICE, EXIT_DONE, EXIT_INCOM
 from instrument.events import ScanEnded
 from instrument.operators import Mounted
 from instrument.output import check_writable, write_json
+from instrument.prompts import Prompt
 from instrument.request import ScanRequest
 from instrument.scan_display import ScanDisplay
 from instrument.session import ScanSession
@@ -86,6 +87,37 @@ class TerminalOperator:
             If the answer is ``q``, or nobody can answer.
         """
         self._console.print(f"[bold]Put the {what} on the stage[/], then press Enter (q gives up).")
+        self._line("nobody can say that the sample is in place")
+
+    def reply(self, prompt: Prompt) -> float | str | None:
+        """Show a prompt and wait for its answer; a wrong one is asked for again.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the answer is ``q``, or nobody can answer.
+        """
+        self._console.print(prompt.title, style="bold", markup=False, soft_wrap=True)
+        if prompt.text:
+            self._console.print(f"  {prompt.text}", markup=False, soft_wrap=True)
+        wanted = {
+            "confirm": "Enter when done",
+            "number": f"a number in {prompt.unit}, then Enter" if prompt.unit else "a number, then Enter",
+            "choice": f"{' or '.join(prompt.choices)}, then Enter",
+        }[prompt.kind]
+        while True:
+            self._console.print(f"  {wanted} (q gives up).", markup=False)
+            word = self._line("nobody can answer")
+            value: float | str | None = None if prompt.kind == "confirm" else word
+            if prompt.kind == "number":
+                with suppress(ValueError):
+                    value = float(word.replace(",", "."))
+            if not (objection := prompt.objection(value)):
+                return value
+            self._console.print(f"  found {word!r}; {objection}", markup=False)
+
+    def _line(self, otherwise: str) -> str:
+        """The next line; KeyboardInterrupt where a person gives up, or there is none."""
         self.waiting = True
         try:
             while not self.dismissed:
@@ -93,9 +125,10 @@ class TerminalOperator:
                 if answer == "q":
                     raise KeyboardInterrupt
                 if answer is not None:
-                    return
+                    return answer
+            raise KeyboardInterrupt
         except EOFError:
-            self._console.print("Standard input has ended: nobody can say that the sample is in place.")
+            self._console.print(f"Standard input has ended: {otherwise}.")
             raise KeyboardInterrupt from None
         finally:
             self.waiting = False

@@ -11,9 +11,11 @@ from typing import Literal
 import numpy as np
 
 from instrument.angles import FloatArray
-from instrument.facility import Facility
+from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE, InputError
+from instrument.facility import Budget, read_facility
+from instrument.output import check_writable
 from instrument.procedures.reading import worst
-from instrument.procedures.results import CalibrationResult
+from instrument.procedures.results import CalibrationResult, read_results
 
 #: So many first results make the limits.
 BASELINE = 10
@@ -60,7 +62,7 @@ class Judgement:
 
 
 def chart_of(
-    results: Sequence[CalibrationResult], name: str, facility: Facility, new: tuple[datetime, float] | None = None
+    results: Sequence[CalibrationResult], name: str, budget: Budget, new: tuple[datetime, float] | None = None
 ) -> Chart:
     """The chart of one value of a procedure's results.
 
@@ -68,17 +70,15 @@ def chart_of(
     ----------
     results
         Oldest first; those without the value are left out.
+    budget
+        Its ``instrument_stability`` is sigma while the series is short.
     new
         A value that is not stored yet. It never counts for the limits.
     """
     pairs = [(result.taken, result.values[name].value) for result in results if name in result.values]
     baseline = np.array([value for _, value in pairs[:BASELINE]])
     middle = float(baseline.mean()) if baseline.size >= FEWEST else float("nan")
-    sigma = (
-        float(baseline.std(ddof=1))
-        if baseline.size == BASELINE
-        else middle * worst(facility.budget.instrument_stability)
-    )
+    sigma = float(baseline.std(ddof=1)) if baseline.size == BASELINE else middle * worst(budget.instrument_stability)
     if new is not None:
         pairs.append(new)
     return Chart(
@@ -150,3 +150,41 @@ def draw(charts: Sequence[Chart], path: Path, title: str) -> None:
     figure.suptitle(f"{title} (open: results that made the limits)", fontsize=9)
     figure.savefig(path, dpi=130)
     plt.close(figure)
+
+
+def run_chart(subject: str, facility: Path | None, results: Path, out: Path) -> int:
+    """Draw and judge the series of a control sample; returns the exit status, 1 where it is out of control.
+
+    Parameters
+    ----------
+    facility
+        Its ``instrument_stability`` stands for sigma while the series is short; 0.82 % (the paper's) where not given.
+
+    Raises
+    ------
+    InputError
+        If there are no results of this sample, or the picture cannot be written.
+    """
+    from rich.console import Console
+
+    known = read_facility(facility) if facility is not None else None
+    series = read_results(results, "control-sample", subject)
+    if not series:
+        names = sorted({result.subject for result in read_results(results, "control-sample")})
+        raise InputError(f"{results}: no results of {subject!r}; found: {', '.join(names) or 'none'}")
+    check_writable(out)
+    names = list(dict.fromkeys(name for result in series for name in result.values))
+    stability = known.budget if known is not None else Budget(instrument_stability=0.0082)
+    charts = [chart_of(series[:-1], name, stability, _last(series, name)) for name in names]
+    draw(charts, out, f"control sample {subject}")
+    console = Console(highlight=False)
+    judgements = [judge(chart) for chart in charts]
+    for chart, judgement in zip(charts, judgements, strict=True):
+        console.print(f"{chart.name}: {judgement.level}: {judgement.reason}", markup=False, soft_wrap=True)
+    console.print(f"{len(series)} results; picture: {out}", soft_wrap=True, markup=False)
+    return EXIT_INCOMPLETE if any(judgement.level == "act" for judgement in judgements) else EXIT_DONE
+
+
+def _last(series: Sequence[CalibrationResult], name: str) -> tuple[datetime, float] | None:
+    last = series[-1]
+    return (last.taken, last.values[name].value) if name in last.values else None

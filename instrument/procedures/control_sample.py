@@ -65,7 +65,7 @@ def control_sample(
     }
     before = read_results(results, PROCEDURE, subject) if results else []
     verdicts = {
-        name: judge(chart_of(before, name, room.facility, (room.clock.now(), quantity.value)))
+        name: judge(chart_of(before, name, room.facility.budget, (room.clock.now(), quantity.value)))
         for name, quantity in values.items()
     }
     acts = [f"{name}: {verdict.reason}" for name, verdict in verdicts.items() if verdict.level == "act"]

@@ -16,7 +16,7 @@ from drivers.clock import Clock
 from drivers.configuration import connect, endpoints, read_devices
 from drivers.interfaces import Laboratory
 from drivers.lock import InstrumentLock
-from instrument.control import Controls, ask
+from instrument.control import Controls, ask, ensure
 from instrument.errors import InputError, SafetyError
 from instrument.events import Geometry
 from instrument.facility import Facility, read_facility
@@ -144,6 +144,16 @@ class Room:
         """The first geometry of the reference reading."""
         known = self.facility.reference
         return self.go(known.illumination_zenith, known.sensor_zenith, known.sensor_azimuth[0], wavelength)
+
+    @contextmanager
+    def beam(self) -> Iterator[None]:
+        """Let light onto the stage for a person's eyes; the shutter is closed afterwards, whatever happens."""
+        shutter = self.laboratory.shutter
+        ensure(shutter.open, lambda: ask(shutter.is_open), "shutter")
+        try:
+            yield
+        finally:
+            self.station.acquisition.shut()
 
     def identities(self) -> dict[str, Any]:
         """What the instrument is, for the record."""
