@@ -95,7 +95,7 @@ class TerminalOperator:
         Raises
         ------
         KeyboardInterrupt
-            If the answer is ``q``, or nobody can answer.
+            If the answer is ``q``, nobody can answer, or the operator was dismissed.
         """
         self._console.print(prompt.title, style="bold", markup=False, soft_wrap=True)
         if prompt.text:
@@ -108,6 +108,8 @@ class TerminalOperator:
         while True:
             self._console.print(f"  {wanted} (q gives up).", markup=False)
             word = self._line("nobody can answer")
+            if word is None:
+                raise KeyboardInterrupt
             value: float | str | None = None if prompt.kind == "confirm" else word
             if prompt.kind == "number":
                 with suppress(ValueError):
@@ -116,8 +118,8 @@ class TerminalOperator:
                 return value
             self._console.print(f"  found {word!r}; {objection}", markup=False)
 
-    def _line(self, otherwise: str) -> str:
-        """The next line; KeyboardInterrupt where a person gives up, or there is none."""
+    def _line(self, otherwise: str) -> str | None:
+        """The next line, None once dismissed; KeyboardInterrupt where a person gives up, or nobody can answer."""
         self.waiting = True
         try:
             while not self.dismissed:
@@ -126,7 +128,7 @@ class TerminalOperator:
                     raise KeyboardInterrupt
                 if answer is not None:
                     return answer
-            raise KeyboardInterrupt
+            return None
         except EOFError:
             self._console.print(f"Standard input has ended: {otherwise}.")
             raise KeyboardInterrupt from None
