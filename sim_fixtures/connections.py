@@ -63,7 +63,7 @@ def write_alternative(path: Path, ports: Mapping[str, str], meter: int, speed: f
 def _lines(ports: Mapping[str, str], meter: int) -> dict[str, Any]:
     # Replies may wait for the optical model on a busy machine: time-outs leave room for that. Lines run at the highest
     # rate the devices can be set to: Modbus clients keep a silence of some characters, which no clock makes faster.
-    stages = {"stages": {"kind": "serial", "port": ports["stages"], "baudrate": 57600, "timeout": 1.0}}
+    stages = {"stages": {"kind": "serial", "port": ports.get("stages", ""), "baudrate": 57600, "timeout": 1.0}}
     return (stages if "stages" in ports else {}) | {
         "sensor-arms": {"kind": "serial", "port": ports["sensor-arms"], "baudrate": 57600, "timeout": 1.0},
         "illumination-arm": {
