@@ -151,7 +151,7 @@ def in_words(diagnosis: Diagnosis) -> Sequence[str]:
         lines += [
             (
                 f"Held-out slices: relative difference {100 * gap.heldout_before:.2f} % before,"
-                f" {100 * gap.heldout_after:.2f} % after: {100 * gap.plain_shrink:.0f} % less, where noise and budget let"
+                f" {100 * gap.heldout_after:.2f} % after: {100 * gap.plain_shrink:.0f} % less; noise and budget let"
                 f" {100 * gap.removable:.0f} % go at most."
             ),
             (

@@ -92,18 +92,22 @@ class Parity:
         at = "" if np.isnan(self.wavelength) else f" at {self.wavelength:g} nm"
         text = f"Parity of {len(self.pairs)} pairs of directions{at}: asymmetry {size:.2f} % (root mean square)"
         if not self.broken:
-            return [f"{text}, no more than noise and stability explain (p = {self.least_p:.2g}).", *self.notes]
-        lines = [f"{text}, more than noise and stability explain (p = {self.least_p:.2g})."]
-        for term in self.terms[:2]:
-            if term.p_value < _LEVEL:
-                lines.append(
-                    f"It has the form of {term.meaning}: {term.amplitude:.3g} +- {term.u:.2g} {term.unit},"
-                    f" {100 * term.explained:.0f} % of what is beyond chance."
-                )
-        lines.append("The alignment's own uncertainty is not taken off: a term within it is no fault.")
+            return [f"{text}, no more than noise and stability explain ({_probability(self.least_p)}).", *self.notes]
+        lines = [f"{text}, more than noise and stability explain ({_probability(self.least_p)})."]
+        clear = [term for term in self.terms[:2] if term.p_value < _LEVEL]
+        for number, term in enumerate(clear):
+            lines.append(
+                f"{'Or, also alone,' if number else 'It has the form of'} {term.meaning}: {term.amplitude:.3g} +-"
+                f" {term.u:.2g} {term.unit}; fitted alone, that explains {100 * term.explained:.0f} % of what is beyond"
+                " chance."
+            )
+        if clear:
+            lines.append("An amplitude within the uncertainty of the alignment, which is not known here, is no fault.")
+        else:
+            lines.append("It has the form of none of the simple causes that were tried (tilts, zero errors, drift).")
         lines += parity_nadir.in_words(self.nadir)
         lines.append(
-            "Symmetry alone cannot confirm the cause: a wedge or an uneven sample breaks it like a tilt; errors that"
+            "Symmetry alone cannot confirm a cause: a wedge or an uneven sample breaks it like a tilt; errors that"
             " keep the symmetry (material, dimensions, height, stray light, linearity) do not show here."
         )
         return lines + list(self.notes)
@@ -121,6 +125,11 @@ class Parity:
             "drop_outs": self.drop_outs.tolist(),
             "words": self.in_words(),
         }
+
+
+def _probability(p_value: float) -> str:
+    """Tails of assumed distributions are not known further out than this."""
+    return f"p = {p_value:.2g}" if p_value >= 1e-6 else "p below 1e-6"
 
 
 def parities(run: Observation, *, symmetry: Symmetry = "fourfold") -> tuple[Parity, ...]:
