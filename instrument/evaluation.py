@@ -46,7 +46,7 @@ class Evaluator:
             If no reference was read at this wavelength.
         """
         if geometry not in self._per_ampere:
-            self._prepare(geometry.wavelength)
+            self._prepare(_light(geometry))
         dark = record.get("dark_signal")
         reading = photocurrent([record["signal"]], [record["dark"]], [record["gain"]], None if not dark else [dark])
         brf = self._per_ampere[geometry] * float(reading.current[0])
@@ -57,16 +57,17 @@ class Evaluator:
         parts = point_budget(budget, [geometry.illumination_zenith], [geometry.sensor_zenith], [brf], found)
         return brf, float(combined(parts)[0])
 
-    def _prepare(self, wavelength: float) -> None:
+    def _prepare(self, light: tuple[float, str]) -> None:
         numbers = calibration_numbers(reading["index"] for reading in self._references)
         readings = [
             reading
             for number, reading in zip(numbers, self._references, strict=True)
-            if number == numbers[-1] and reading["geometry"].wavelength == wavelength
+            if number == numbers[-1] and _light(reading["geometry"]) == light
         ]
         if not readings:
-            raise InputError(f"no reading of the reference at {wavelength:g} nm; the reflectance factor is unknown")
-        points = [point for point in self._points if point.wavelength == wavelength]
+            name = f"{light[0]:g} nm" + (f", polarisation {light[1]}" if light[1] else "")
+            raise InputError(f"no reading of the reference at {name}; the reflectance factor is unknown")
+        points = [point for point in self._points if _light(point) == light]
         one_ampere = Photocurrent(np.ones(len(points)), np.zeros(len(points)))
         calibrated = brf_from_readings(
             self._facility,
@@ -88,3 +89,8 @@ class Evaluator:
         columns = {name: np.array([getattr(point, name) for point in points]) for name in names}
         flat = Slope(np.zeros(len(points)), np.ones(len(points), dtype=bool))
         return angle_terms(self._facility, columns, np.ones(len(points)), dict.fromkeys(ANGLES, flat))
+
+
+def _light(geometry: Geometry) -> tuple[float, str]:
+    """What a reading of the reference must share with a point: wavelength and polarisation."""
+    return geometry.wavelength, geometry.polarization or ""

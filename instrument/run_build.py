@@ -17,6 +17,7 @@ from instrument.facility import Facility
 from instrument.forms import parse_form, parse_toml
 from instrument.journal import JournalContent, read_journal
 from instrument.quality.bursts import MOST, SIGNIFICANCE, outliers
+from instrument.run_axes import STAGES, channels, extra_coordinates, polarization_column
 from instrument.run_budget import add_budget
 from instrument.run_schema import RUN
 from instrument.run_write import described
@@ -70,7 +71,8 @@ def build_run(
     _count_outliers(dataset)
     add_budget(dataset, facility)
     dataset.attrs = _attributes(header, facility, journal_digest)
-    dataset = dataset.set_coords([name for name, variable in RUN.items() if variable.coordinate])
+    further = [name for name in ("sample_rotation", "polarization", "repetition") if name in dataset]
+    dataset = dataset.set_coords([name for name, variable in RUN.items() if variable.coordinate] + further)
     return described(dataset, RUN)
 
 
@@ -117,6 +119,7 @@ def _points(rows: Sequence[Record]) -> dict[str, Any]:
         name: ("point", _column([row["geometry"] for row in rows], name))
         for name in ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_zenith", "sensor_azimuth")
     }
+    columns |= extra_coordinates(rows)
     columns["time"] = ("point", _times(rows))
     columns["signal"] = (("point", "sample"), _signals(rows, "points"))
     columns["dark"] = ("point", _column(rows, "dark"))
@@ -124,7 +127,7 @@ def _points(rows: Sequence[Record]) -> dict[str, Any]:
     columns |= _dark_samples(rows, ("point", "dark_sample"), "dark_signal")
     columns["quality_flag"] = ("point", np.array([row.get("quality_flag", 0) for row in rows], dtype=np.int8))
     columns["plan_index"] = ("point", np.array([row["index"] for row in rows]), {"long_name": "index in the plan"})
-    for axis in AXES:
+    for axis in (*AXES, *STAGES):
         if all(axis in row.get("readback", {}) for row in rows):
             columns[f"readback_{axis}"] = (
                 "point",
@@ -158,18 +161,22 @@ def _dark_samples(rows: Sequence[Record], dims: tuple[str, str], name: str) -> d
 
 def _references(rows: Sequence[Record]) -> dict[str, Any]:
     dark = _dark_samples(rows, ("reference", "reference_dark_sample"), "reference_dark_signal")
-    return dark | {
-        "reference_signal": (("reference", "sample"), _signals(rows, "reference readings")),
-        "reference_sensor_azimuth": ("reference", _column([row["geometry"] for row in rows], "sensor_azimuth")),
-        "reference_wavelength": (
-            "reference",
-            _column([row["geometry"] for row in rows], "wavelength"),
-            {"units": "nm", "long_name": "wavelength of the reference readings"},
-        ),
-        "reference_gain": ("reference", _column(rows, "gain")),
-        "reference_dark": ("reference", _column(rows, "dark")),
-        "reference_time": ("reference", _times(rows)),
-    }
+    return (
+        dark
+        | polarization_column(rows, "reference", "reference_polarization")
+        | {
+            "reference_signal": (("reference", "sample"), _signals(rows, "reference readings")),
+            "reference_sensor_azimuth": ("reference", _column([row["geometry"] for row in rows], "sensor_azimuth")),
+            "reference_wavelength": (
+                "reference",
+                _column([row["geometry"] for row in rows], "wavelength"),
+                {"units": "nm", "long_name": "wavelength of the reference readings"},
+            ),
+            "reference_gain": ("reference", _column(rows, "gain")),
+            "reference_dark": ("reference", _column(rows, "dark")),
+            "reference_time": ("reference", _times(rows)),
+        }
+    )
 
 
 def _used_sets(rows: Sequence[Record], references: Sequence[Record], sets: np.ndarray) -> np.ndarray:
@@ -186,12 +193,13 @@ def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
     reading = _photocurrent(dataset, "")
     reference = _photocurrent(dataset, "reference_")
     brf, standard_error = np.empty(dataset.sizes["point"]), np.empty(dataset.sizes["point"])
-    groups = np.stack([dataset["point_reference_set"].values, dataset["wavelength"].values])
-    for number, wavelength in np.unique(groups, axis=1).T:
-        rows = (groups[0] == number) & (groups[1] == wavelength)
-        of_set = (dataset["reference_set"].values == number) & (dataset["reference_wavelength"].values == wavelength)
+    light, reference_light, names = channels(dataset)
+    groups = np.stack([dataset["point_reference_set"].values, light])
+    for number, channel in np.unique(groups, axis=1).T:
+        rows = (groups[0] == number) & (groups[1] == channel)
+        of_set = (dataset["reference_set"].values == number) & (reference_light == channel)
         if not np.any(of_set):
-            raise InputError(f"no reference reading at {wavelength:g} nm before the points at that wavelength")
+            raise InputError(f"no reference reading at {names[channel]} before the points in that light")
         result = brf_from_readings(
             facility,
             dataset["illumination_zenith"].values[rows],
