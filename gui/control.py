@@ -30,7 +30,15 @@ class Listener(Protocol):
 
 
 class Controller(Protocol):
-    """Steers one scan at a time."""
+    """Steers one scan at a time.
+
+    Attributes
+    ----------
+    detached
+        Whether the scan goes on when this program ends.
+    """
+
+    detached: bool
 
     def start(self) -> None:
         """Set the session up and run the plan."""
@@ -38,6 +46,10 @@ class Controller(Protocol):
 
     def pause(self) -> None:
         """Pause after the point in hand."""
+        ...
+
+    def pause_now(self) -> None:
+        """Pause at once; the point in hand is repeated."""
         ...
 
     def resume(self) -> None:
@@ -103,6 +115,8 @@ class SessionController:
         Makes who answers the engine's requests where no simulated laboratory does.
     """
 
+    detached = False
+
     def __init__(
         self,
         request: ScanRequest,
@@ -132,9 +146,13 @@ class SessionController:
             self._listener.on_event(ControllerStarting())
             self._thread.start()
 
-    def pause(self) -> None:
-        """Pause after the point in hand."""
-        self._ask(lambda session: session.pause())
+    def pause(self, *, now: bool = False) -> None:
+        """Pause after the point in hand, or at once."""
+        self._ask(lambda session: session.pause(now=now))
+
+    def pause_now(self) -> None:
+        """Pause at once; the point in hand is repeated."""
+        self.pause(now=True)
 
     def resume(self) -> None:
         """Go on after a pause."""

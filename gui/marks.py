@@ -99,6 +99,54 @@ def _hand(painter: QPainter) -> None:
     painter.drawLine(QPointF(4.5, 11), QPointF(2.2, 8.4))
 
 
+def _house(painter: QPainter) -> None:
+    _hollow(painter)
+    painter.drawPolyline(QPolygonF([QPointF(2, 8), QPointF(8, 2.5), QPointF(14, 8)]))
+    painter.drawPolyline(QPolygonF([QPointF(4, 8), QPointF(4, 13.5), QPointF(12, 13.5), QPointF(12, 8)]))
+
+
+def _arms(painter: QPainter) -> None:
+    _hollow(painter)
+    painter.drawArc(QRectF(2, 3.5, 12, 19), 0, 180 * 16)
+    painter.drawLine(QPointF(8, 13), QPointF(4.5, 5))
+    painter.drawLine(QPointF(8, 13), QPointF(12.5, 7.5))
+
+
+def _table(painter: QPainter) -> None:
+    _hollow(painter)
+    painter.drawRect(QRectF(2.5, 3, 11, 10.5))
+    painter.drawLine(QPointF(2.5, 6.5), QPointF(13.5, 6.5))
+    painter.drawLine(QPointF(6.5, 3), QPointF(6.5, 13.5))
+
+
+def _balance(painter: QPainter) -> None:
+    _hollow(painter)
+    painter.drawLine(QPointF(8, 2.5), QPointF(8, 13.5))
+    painter.drawLine(QPointF(3, 5), QPointF(13, 5))
+    painter.drawArc(QRectF(1, 5.5, 4.5, 5), 180 * 16, 180 * 16)
+    painter.drawArc(QRectF(10.5, 5.5, 4.5, 5), 180 * 16, 180 * 16)
+
+
+def _eye(painter: QPainter) -> None:
+    _hollow(painter)
+    path = QPainterPath(QPointF(1.5, 8))
+    path.quadTo(QPointF(8, 1.5), QPointF(14.5, 8))
+    path.quadTo(QPointF(8, 14.5), QPointF(1.5, 8))
+    painter.drawPath(path)
+    painter.drawEllipse(QPointF(8, 8), 1.8, 1.8)
+
+
+def _lens(painter: QPainter) -> None:
+    _hollow(painter)
+    painter.drawEllipse(QRectF(2.5, 2.5, 8, 8))
+    painter.drawLine(QPointF(9.5, 9.5), QPointF(14, 14))
+
+
+def _folder(painter: QPainter) -> None:
+    _hollow(painter)
+    painter.drawPolygon(QPolygonF([QPointF(*p) for p in ((2, 4), (6.5, 4), (8, 5.8), (14, 5.8), (14, 13), (2, 13))]))
+
+
 _DRAW: dict[str, Callable[[QPainter], None]] = {
     "ring": _ring,
     "disc": _disc,
@@ -111,4 +159,11 @@ _DRAW: dict[str, Callable[[QPainter], None]] = {
     "warning": _warning,
     "gear": _gear,
     "hand": _hand,
+    "house": _house,
+    "arms": _arms,
+    "table": _table,
+    "balance": _balance,
+    "eye": _eye,
+    "lens": _lens,
+    "folder": _folder,
 }

@@ -10,6 +10,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import singledispatchmethod
+from statistics import fmean, stdev
 from typing import NamedTuple
 
 from gui.notices import ControllerClosed, ControllerFailed, ControllerStarting, Notice, OperatorAnswered, OperatorAsked
@@ -31,6 +32,16 @@ from instrument.operators import Mounted
 from instrument.states import FINAL, State
 
 MESSAGES_KEPT = 2000
+HEALTH_KEPT = 20_000  # readings of which the health of the devices is shown
+
+
+class Health(NamedTuple):
+    """What a reading says of the devices: time, dark level (V), scatter of the samples (relative), gain (V/A)."""
+
+    time: datetime
+    dark: float
+    noise: float
+    gain: float
 
 
 class PlaneKey(NamedTuple):
@@ -71,6 +82,12 @@ class Point:
         return self.brf is not None or bool(self.skipped) or self.earlier
 
 
+def noise_of(samples: tuple[float, ...]) -> float:
+    """Standard deviation of the samples of a reading over their mean; 0 where it cannot be told."""
+    mean = fmean(samples) if samples else 0.0
+    return stdev(samples) / abs(mean) if len(samples) > 1 and mean else 0.0
+
+
 @dataclass(frozen=True)
 class Line:
     """One entry of the message list."""
@@ -92,6 +109,20 @@ class Changes:
     messages: int = 0  # lines added
     request: bool = False
     planes: set[PlaneKey] = field(default_factory=set)
+    points: set[int] = field(default_factory=set)  # indices
+
+    def joined(self, later: Changes) -> Changes:
+        """Both together."""
+        return Changes(
+            scan=self.scan or later.scan,
+            state=self.state or later.state,
+            progress=self.progress or later.progress,
+            current=self.current or later.current,
+            messages=self.messages + later.messages,
+            request=self.request or later.request,
+            planes=self.planes | later.planes,
+            points=self.points | later.points,
+        )
 
 
 class ScanModel:
@@ -129,6 +160,7 @@ class ScanModel:
         self.measured = 0
         self.missing = 0
         self.references: list[ReferenceMeasured] = []
+        self.health: deque[Health] = deque(maxlen=HEALTH_KEPT)
         self.current: int | None = None
         self.last: PointMeasured | None = None
         self.request: Mounted | None = None
@@ -219,6 +251,7 @@ class ScanModel:
             )
         )
         self.last = event
+        self.health.append(Health(event.time, event.dark, noise_of(event.signal), event.gain))
         self.time_left_s = event.time_left_s
         self._changes.current = self._changes.progress = True
         self._tick(event.time)
@@ -310,3 +343,4 @@ class ScanModel:
         self.missing += newly_missing
         self.points[point.index] = point
         self._changes.planes.add(plane)
+        self._changes.points.add(point.index)

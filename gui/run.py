@@ -11,10 +11,12 @@ from types import FrameType
 from PySide6.QtCore import QSettings, QTimer
 
 from gui.application import start_application
-from gui.control import Controller, Listener, SessionController
+from gui.control import Controller, Listener
+from gui.remote import RemoteController
+from gui.sessions import live_sessions
+from gui.setup import Setup
 from gui.window import MainWindow
 from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE, InputError
-from instrument.session import ScanRequest
 
 
 @dataclass(frozen=True)
@@ -32,20 +34,9 @@ class Options:
     out: Path | None
     twin: bool
 
-    def request(self, plan: Path | None) -> ScanRequest:
-        """What a start asks for; each start makes a run folder of its own."""
-        return ScanRequest(
-            plan=plan,
-            simulate=self.simulate,
-            speed=self.speed if self.simulate else 1.0,
-            seed=self.seed,
-            devices=self.devices,
-            facility=self.facility,
-            artifact=self.artifact,
-            material=self.material,
-            out=self.out,
-            twin=self.twin,
-        )
+    def setup(self) -> Setup:
+        """What a start asks for until a person changes it."""
+        return Setup(**{name: getattr(self, name) for name in self.__dataclass_fields__})
 
     def check(self) -> None:
         """Refuse what no session could use, before a window opens.
@@ -75,7 +66,7 @@ def run(options: Options, screenshot: Path | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 1 where the screen was lost; a scan that was running has then ended in an orderly way.
+        Exit status: 1 where the screen was lost; a scan that was running goes on, and a new window joins it.
     """
     options.check()
     if screenshot is not None:
@@ -85,15 +76,18 @@ def run(options: Options, screenshot: Path | None = None) -> int:
     if screenshot is not None:  # as a first start, whatever the person of this machine has chosen
         settings = QSettings(os.devnull, QSettings.Format.IniFormat)
 
-    controllers: list[SessionController] = []
+    setup = options.setup()
+    controllers: list[RemoteController] = []
 
     def controller(listener: Listener, plan: Path | None) -> Controller:
-        controllers.append(SessionController(options.request(plan), listener))
+        setup.plan = plan
+        controllers.append(RemoteController(listener, setup.content()))
         return controllers[-1]
 
-    laboratory = f"simulated laboratory, {options.speed:g} times faster" if options.simulate else str(options.devices)
-    window = MainWindow(controller, settings, options.plan, laboratory, plan_needed=not options.simulate)
+    window = MainWindow(controller, settings, plan_needed=not options.simulate, setup=setup)
     heart = obey_signals(window)
+    if screenshot is None and (running := live_sessions()):
+        window.join(RemoteController(window.bridge, folder=running[-1].folder))
     window.show()
     if screenshot is not None:
         from gui.screenshot import Photographer
@@ -103,9 +97,8 @@ def run(options: Options, screenshot: Path | None = None) -> int:
         return photographer.status
     status = application.exec()
     heart.stop()
-    for left in controllers:  # none runs, unless the screen was lost with the window
-        left.abort()
-        left.join()
+    for each in controllers:  # a scan that runs goes on in its own process
+        each.leave()
     return EXIT_DONE if status == 0 else EXIT_INCOMPLETE
 
 
@@ -113,14 +106,15 @@ def obey_signals(window: MainWindow) -> QTimer:
     """Let signals end the program without ever leaving the instrument as it is.
 
     Ctrl-C closes the window as a click does, and so asks where a scan runs; a second one means yes. A request to
-    terminate and a terminal that went away ask nobody. The timer returned gives Python a chance to see the signals.
+    terminate and a terminal that went away ask nobody: the scan goes on in its own process, or ends in an orderly way
+    where it has none. The timer returned gives Python a chance to see the signals.
     """
 
     def obey(number: int, _: FrameType | None) -> None:
         if number == signal.SIGINT and not window.asking:
             window.close()
         else:
-            window.end_and_close()
+            window.leave()
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup means it

@@ -12,11 +12,14 @@ CATEGORIES: tuple[Category, ...] = ("good", "acceptable", "poor")
 
 @dataclass(frozen=True)
 class Score:
-    """Difference of a point: relative (1), in combined standard uncertainties (t'), and the category of t'."""
+    """Difference of a point: relative (1), in combined standard uncertainties (t'), level of agreement; categories."""
 
     relative_difference: float
     t: float
     category: Category
+    level: float = float("nan")  # of agreement, n'
+    difference_category: Category = "good"
+    level_category: Category = "good"
 
 
 #: ``score(measured, u_measured, simulated, u_simulated)``: BRF and standard uncertainty of each; None where the

@@ -192,5 +192,25 @@ def _style_sheet(theme: Theme) -> str:
     QHeaderView::section {{ background: {theme.surface}; color: {theme.quiet_text}; border: none;
                             border-bottom: 1px solid {theme.line}; padding: 4px 3px; }}
     QSplitter::handle {{ background: {theme.window}; }}
+    QToolButton#navigation {{ background: transparent; border: 1px solid transparent; border-radius: 8px;
+                              padding: 6px 4px; }}
+    QToolButton#navigation:hover {{ border-color: {theme.line}; }}
+    QToolButton#navigation:checked {{ background: {theme.surface}; border-color: {theme.line};
+                                      border-left: 4px solid {theme.accent}; font-weight: 600; }}
+    QToolButton#navigation:focus {{ border-color: {theme.accent}; }}
+    QScrollArea, QScrollArea > QWidget > QWidget {{ background: transparent; }}
+    QTabWidget::pane {{ border: none; }}
+    QTabBar::tab {{ background: transparent; color: {theme.quiet_text}; padding: 6px 14px;
+                    border-bottom: 3px solid transparent; }}
+    QTabBar::tab:selected {{ color: {theme.text}; font-weight: 600; border-bottom-color: {theme.accent}; }}
+    QTabBar::tab:focus {{ border-bottom-color: {theme.text}; }}
+    QLineEdit, QComboBox, QSpinBox, QDoubleSpinBox, QPlainTextEdit {{ background: {theme.surface};
+        border: 1px solid {theme.line}; border-radius: 5px; padding: 4px 6px; }}
+    QLineEdit:focus, QComboBox:focus, QSpinBox:focus {{ border: 2px solid {theme.accent}; padding: 3px 5px; }}
+    QLineEdit[wrong="true"] {{ border: 2px solid {theme.bad}; background: {theme.tone_surface["bad"]};
+                               padding: 3px 5px; }}
+    QLabel[role="wrong"] {{ color: {theme.bad}; }}
+    QLabel[role="heading"] {{ font-size: 15pt; font-weight: 700; }}
+    QPushButton[role="main"]:enabled {{ background: {theme.accent}; color: {theme.on_accent}; font-weight: 600; }}
     QStatusBar {{ color: {theme.quiet_text}; }}
     """

@@ -1,38 +1,44 @@
-"""The main window: panels around one model. It holds no science and speaks to no device."""
+"""The main window: pages around one model. It holds no science and speaks to no device."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QAction, QActionGroup, QCloseEvent, QKeySequence, QShowEvent
 from PySide6.QtWidgets import (
+    QButtonGroup,
     QFileDialog,
     QHBoxLayout,
     QLabel,
     QMainWindow,
     QMessageBox,
     QSplitter,
+    QStackedWidget,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
+from gui import marks, pages, panels
 from gui import theme as themes
 from gui.bridge import Bridge
 from gui.comparison import score
 from gui.control import Controller, Listener
 from gui.model import Changes, PlaneKey, ScanModel
-from gui.panels import discover
+from gui.pages.base import Desk, Page
 from gui.panels.base import Panel
 from gui.panels.plots import PlotsPanel
 from gui.questions import ask
+from gui.setup import Setup
 from instrument.states import FINAL
 
 #: Makes the controller of a window; it is told where events go and which plan to run (None: the laboratory's own).
 ControllerFactory = Callable[[Listener, Path | None], Controller]
 
-_HELP = "F5 start   F6 pause   F7 resume   F8 abort   F12 HALT   Ctrl+O open plan   Ctrl+F follow   Home fit view"
+_HELP = "Ctrl+1 … 8 pages   F5 start   F6 pause   F7 resume   F8 abort   F12 HALT"
 
 
 class MainWindow(QMainWindow):
@@ -50,6 +56,8 @@ class MainWindow(QMainWindow):
         What is driven, in words, for the title.
     plan_needed
         True where the laboratory brings no plan of its own.
+    setup
+        What a start asks for; the pages change it.
     """
 
     def __init__(
@@ -59,11 +67,13 @@ class MainWindow(QMainWindow):
         plan: Path | None = None,
         laboratory: str = "",
         plan_needed: bool = False,
+        setup: Setup | None = None,
     ) -> None:
         super().__init__()
         self._make_controller, self._settings = make_controller, settings
         self._controller: Controller | None = None
-        self._plan, self._laboratory, self._plan_needed = plan, laboratory, plan_needed
+        self.setup = setup or Setup(plan=plan)
+        self._laboratory, self._plan_needed = laboratory or self.setup.laboratory, plan_needed
         self._closing = self._laid_out = False
         self._question: QMessageBox | None = None
         self.model = ScanModel(score)
@@ -71,17 +81,31 @@ class MainWindow(QMainWindow):
         self.bridge.changed.connect(self._refresh)
         self.palette_choice = themes.remembered(settings)
         theme = themes.choose(self.palette_choice)
-        self.panels: list[Panel] = [panel(self.model, theme) for panel in discover()]
+        self.panels: list[Panel] = [panel(self.model, theme) for panel in panels.discover()]
+        self.desk = Desk(self.model, self.setup, settings, theme, self.panels)
+        self.pages: list[Page] = [page(self.desk) for page in pages.discover()]
         self._lay_out()
         self._make_menu()
         self._connect()
         self.statusBar().addPermanentWidget(QLabel(_HELP))
         self._restore_geometry()
         self._show_title()
+        self.show_page(self.pages[0].name)
 
     def panel(self, name: str) -> Panel:
         """The panel whose class has this name."""
         return next(panel for panel in self.panels if type(panel).__name__ == name)
+
+    def page(self, name: str) -> Page:
+        """The page of this name."""
+        return next(page for page in self.pages if page.name == name)
+
+    @property
+    def across(self) -> QSplitter:
+        """Between planes and plots."""
+        page: Any = self.page("watch")
+        splitter: QSplitter = page.across
+        return splitter
 
     # Layout
 
@@ -92,36 +116,57 @@ class MainWindow(QMainWindow):
         column.setSpacing(8)
         header = QHBoxLayout()
         header.setSpacing(8)
-        for panel in self._in_area("header"):
+        for panel in self.desk.in_area("header"):
             header.addWidget(panel, panel.stretch)
         column.addLayout(header)
-        for panel in self._in_area("banner"):
+        for panel in self.desk.in_area("banner"):
             column.addWidget(panel)
-        left = QWidget()
-        stack = QVBoxLayout(left)
-        stack.setContentsMargins(0, 0, 0, 0)
-        stack.setSpacing(8)
-        for panel in self._in_area("left"):
-            stack.addWidget(panel, panel.stretch)
+        self.stack = QStackedWidget()
+        for page in self.pages:
+            self.stack.addWidget(page)
         self.down = QSplitter(Qt.Orientation.Vertical)
-        for panel in self._in_area("centre") + self._in_area("bottom"):
+        self.down.addWidget(self.stack)
+        for panel in self.desk.in_area("bottom"):
             self.down.addWidget(panel)
-        self.down.setSizes([650, 140])
+        self.down.setSizes([700, 110])
         self.down.setStretchFactor(0, 1)
-        self.across = QSplitter(Qt.Orientation.Horizontal)
-        self.across.addWidget(left)
-        self.across.addWidget(self.down)
-        self.across.setSizes([388, 952])
-        self.across.setStretchFactor(1, 1)
-        for splitter in (self.across, self.down):
-            splitter.setHandleWidth(8)
-            splitter.setChildrenCollapsible(False)
-        column.addWidget(self.across, 1)
+        self.down.setHandleWidth(8)
+        row = QHBoxLayout()
+        row.setSpacing(8)
+        row.addLayout(self._navigation())
+        row.addWidget(self.down, 1)
+        column.addLayout(row, 1)
         self.setCentralWidget(centre)
         self.resize(1360, 900)
 
-    def _in_area(self, area: str) -> list[Panel]:
-        return [panel for panel in self.panels if panel.area == area]
+    def _navigation(self) -> QVBoxLayout:
+        column = QVBoxLayout()
+        column.setSpacing(4)
+        self.navigation: dict[str, QToolButton] = {}
+        group = QButtonGroup(self)
+        group.setExclusive(True)
+        for number, page in enumerate(self.pages, start=1):
+            button = QToolButton()
+            button.setObjectName("navigation")
+            button.setText(page.title)
+            button.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextUnderIcon)
+            button.setIconSize(QSize(24, 24))
+            button.setCheckable(True)
+            button.setToolTip(f"{page.tip} (Ctrl+{number})")
+            button.setAccessibleName(f"Page {page.title}: {page.tip}")
+            button.setShortcut(QKeySequence(f"Ctrl+{number}"))
+            button.setMinimumWidth(92)
+            button.clicked.connect(lambda _=False, name=page.name: self.show_page(name))
+            group.addButton(button)
+            self.navigation[page.name] = button
+            column.addWidget(button)
+        column.addStretch(1)
+        self._sign_navigation()
+        return column
+
+    def _sign_navigation(self) -> None:
+        for page in self.pages:
+            self.navigation[page.name].setIcon(marks.icon(page.sign, self.desk.theme.text, 24))
 
     def _make_menu(self) -> None:
         file = self.menuBar().addMenu("&File")
@@ -145,6 +190,11 @@ class MainWindow(QMainWindow):
         for panel in self.panels:
             panel.asked.connect(self.do)
             panel.plane_chosen.connect(self._plane_chosen)
+        for page in self.pages:
+            page.asked.connect(self.do)
+            page.go.connect(self.show_page)
+            page.told.connect(self._tell)
+            page.said.connect(lambda text: self.statusBar().showMessage(text, 8000))
         plots = self.panel("PlotsPanel")
         assert isinstance(plots, PlotsPanel)
         self.plots = plots
@@ -152,8 +202,16 @@ class MainWindow(QMainWindow):
 
     # What a person asks for
 
+    def show_page(self, name: str) -> None:
+        """Go to a page."""
+        page = self.page(name)
+        self.stack.setCurrentWidget(page)
+        self.navigation[name].setChecked(True)
+        self.navigation[name].setFocus()  # a space bar must not press a button that steers the scan
+        page.enter()
+
     def do(self, command: str) -> None:
-        """Carry out a command of a panel."""
+        """Carry out a command of a panel or a page."""
         if command == "start":
             self._start()
         elif command == "abort":
@@ -168,23 +226,43 @@ class MainWindow(QMainWindow):
         """Change between light and dark."""
         self.palette_choice = choice
         self._settings.setValue("palette", choice)
-        theme = themes.choose(choice)
+        self.desk.theme = themes.choose(choice)
         for panel in self.panels:
-            panel.set_theme(theme)
+            panel.set_theme(self.desk.theme)
+        for page in self.pages:
+            page.set_theme(self.desk.theme)
+        self._sign_navigation()
 
     def set_plan(self, plan: Path) -> None:
         """The plan that the next start runs."""
-        self._plan = plan
+        self.setup.plan = plan
+        self.setup.resume = None
         self._settings.setValue("plan_folder", str(plan.parent))
-        self._show_title()
+        self._tell("plan")
+
+    def join(self, controller: Controller) -> None:
+        """Watch and steer a scan that runs already."""
+        self._controller = controller
+        controller.start()
+        self.show_page("acquire")
 
     def _start(self) -> None:
-        if self._plan is None and self._plan_needed:
+        if self.model.connected:
+            return
+        if self.setup.plan is None and self._plan_needed and self.setup.resume is None:
             self._choose_plan()
-            if self._plan is None:
+            if self.setup.plan is None:
                 return
-        self._controller = self._make_controller(self.bridge, self._plan)
+        self._controller = self._make_controller(self.bridge, self.setup.plan)
+        self.setup.resume = None
         self._controller.start()
+        if self.stack.currentWidget() not in (self.page("acquire"), self.page("watch")):
+            self.show_page("acquire")
+
+    def _tell(self, what: str) -> None:
+        for page in self.pages:
+            page.hear(what)
+        self._show_title()
 
     def _ask_to_abort(self) -> None:
         self._ask(
@@ -200,7 +278,16 @@ class MainWindow(QMainWindow):
         if self._controller is not None:
             self._controller.abort()
 
-    def _ask(self, title: str, text: str, yes: str, no: str, answered: Callable[[bool], None], detail: str) -> None:
+    def _ask(
+        self,
+        title: str,
+        text: str,
+        yes: str,
+        no: str,
+        answered: Callable[[bool], None],
+        detail: str,
+        other: tuple[str, Callable[[], None]] | None = None,
+    ) -> None:
         if self._question is not None:
             self._question.raise_()
             return
@@ -209,7 +296,7 @@ class MainWindow(QMainWindow):
             self._question = None
             answered(accepted)
 
-        self._question = ask(self, title, text, yes, no, done, detail)
+        self._question = ask(self, title, text, yes, no, done, detail, other)
 
     def _choose_plan(self) -> None:
         folder = str(self._settings.value("plan_folder", ""))
@@ -221,7 +308,9 @@ class MainWindow(QMainWindow):
 
     def _refresh(self, changes: Changes) -> None:
         for panel in self.panels:
-            panel.refresh(changes)
+            panel.take(changes)
+        for page in self.pages:
+            page.refresh(changes)
         if changes.scan or changes.current:
             self._follow()
         if changes.scan or changes.state:
@@ -250,32 +339,37 @@ class MainWindow(QMainWindow):
             panel.show_plane(plane)
 
     def _show_title(self) -> None:
-        plan = self.model.title or (self._plan.name if self._plan else "")
-        parts = [part for part in (plan, self._laboratory, "goniotwin") if part]
-        self.setWindowTitle(" – ".join(parts))
+        plan = self.setup.plan
+        parts = (self.model.title or (plan.name if plan else ""), self._laboratory, "goniotwin")
+        self.setWindowTitle(" – ".join(part for part in parts if part))
         where = f"Run folder {_short(self.model.run_dir)}" if self.model.run_dir else ""
-        ready = f"Plan {self._plan}" if self._plan else "" if self._plan_needed else "The laboratory's own plan"
+        ready = f"Plan {plan}" if plan else "" if self._plan_needed else "The laboratory's own plan"
         self.statusBar().showMessage(where or ready or "Open a plan to begin (Ctrl+O)")
 
     # Coming and going
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Close at once when nothing runs; else ask, end the scan in an orderly way, and close after that."""
+        """Close at once when nothing runs; else ask what is to become of the scan."""
         if not self.model.connected:
             self._remember()
             event.accept()
             return
         event.ignore()
-        if not self._closing:
-            self._ask(
-                "A scan is running",
-                "End the scan and close the window?",
-                "End the scan and close",
-                "Keep the window open",
-                self._close_answered,
-                "The scan ends in an orderly way: arms at rest, light off. What is measured is kept, and the run can"
-                " be resumed later.",
-            )
+        if self._closing:
+            return
+        detached = self._controller is not None and self._controller.detached
+        self._ask(
+            "A scan is running",
+            "Close the window while the scan goes on?" if detached else "End the scan and close the window?",
+            "Close the window, go on measuring" if detached else "End the scan and close",
+            "Keep the window open",
+            self._leave_answered if detached else self._close_answered,
+            "The scan has a process of its own and does not need the window. A new window joins it: goniotwin gui."
+            if detached
+            else "The scan ends in an orderly way: arms at rest, light off. What is measured is kept, and the run can"
+            " be resumed later.",
+            ("End the scan and close", self.end_and_close) if detached else None,
+        )
 
     @property
     def asking(self) -> bool:
@@ -285,6 +379,21 @@ class MainWindow(QMainWindow):
     def _close_answered(self, yes: bool) -> None:
         if yes:
             self.end_and_close()
+
+    def _leave_answered(self, yes: bool) -> None:
+        if yes:
+            self.leave()
+
+    def leave(self) -> None:
+        """Close; a scan in a process of its own goes on, any other ends in an orderly way. Asks nobody."""
+        if self._controller is None or not self._controller.detached:
+            self.end_and_close()
+            return
+        self._remember()
+        self._closing = True
+        self._controller.leave()  # type: ignore[attr-defined]
+        self.model.connected = False
+        self.close()
 
     def end_and_close(self) -> None:
         """End a scan in an orderly way, and close as soon as the instrument is safe; asks nobody."""
@@ -302,10 +411,11 @@ class MainWindow(QMainWindow):
             QTimer.singleShot(0, self, self._restore_splitters)
 
     def _restore_splitters(self) -> None:
-        for key, splitter in (("across", self.across), ("down", self.down)):
-            value = self._settings.value(key)
-            if isinstance(value, QByteArray):
-                splitter.restoreState(value)
+        value = self._settings.value("down")
+        if isinstance(value, QByteArray):
+            self.down.restoreState(value)
+        for page in self.pages:
+            page.restore(self._settings)
 
     def _restore_geometry(self) -> None:
         value = self._settings.value("geometry")
@@ -314,8 +424,9 @@ class MainWindow(QMainWindow):
 
     def _remember(self) -> None:
         self._settings.setValue("geometry", self.saveGeometry())
-        self._settings.setValue("across", self.across.saveState())
         self._settings.setValue("down", self.down.saveState())
+        for page in self.pages:
+            page.remember(self._settings)
 
 
 def _short(folder: str) -> str:

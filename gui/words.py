@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from math import isfinite
+from math import isfinite, log10
 
 from gui.model import PlaneKey, Point
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "\u2212"
 
 
@@ -33,6 +34,14 @@ def current(amperes: float) -> str:
         if abs(value) >= 1 or unit == "pA":
             return f"{value:#.4g} {unit}".replace("-", MINUS)
     raise AssertionError("unreachable")
+
+
+def gain(volts_per_ampere: float) -> str:
+    """A gain with its power of ten: 10⁷ V/A."""
+    exponent = round(log10(volts_per_ampere)) if volts_per_ampere > 0 else 0
+    if volts_per_ampere != 10.0**exponent:
+        return f"{volts_per_ampere:.3g} V/A"
+    return f"10{str(exponent).translate(_RAISED)} V/A"
 
 
 def duration(seconds: float) -> str:
@@ -78,3 +87,8 @@ def point_values(point: Point) -> str:
     if point.time is not None:
         parts.append(f"{clock_time(point.time)} UTC")
     return "   ".join(parts)
+
+
+def decades(volts_per_ampere: float) -> float:
+    """Logarithm of a gain to the base 10; 0 for what is no gain."""
+    return log10(volts_per_ampere) if volts_per_ampere > 0 else 0.0

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from PySide6.QtCore import Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QFrame, QLabel, QVBoxLayout, QWidget
 
 from gui.model import Changes, PlaneKey, ScanModel
 from gui.theme import Theme
 
-Area = Literal["header", "banner", "left", "centre", "bottom"]
-Command = Literal["start", "pause", "resume", "abort", "halt", "mounted"]
+Area = Literal["header", "banner", "acquire", "acquire-right", "left", "centre", "bottom"]
+Command = Literal["start", "pause", "pause_now", "resume", "abort", "halt", "mounted"]
 
 
 class Panel(QFrame):
@@ -32,18 +33,34 @@ class Panel(QFrame):
     order: ClassVar[int] = 0
     title: ClassVar[str] = ""
     stretch: ClassVar[int] = 0
+    lazy: ClassVar[bool] = False  # costs too much to be drawn while nobody sees it
 
     def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.model, self.theme = model, theme
+        self._pending = Changes()
         self.setObjectName("card")
         self.body = QVBoxLayout(self)
         self.body.setContentsMargins(12, 10, 12, 10)
         self.body.setSpacing(6)
-        if self.title:
+        if self.title and self.area != "centre":  # there it stands on the tab
             title = QLabel(self.title)
             title.setObjectName("cardTitle")
             self.body.addWidget(title)
+
+    def take(self, changes: Changes) -> None:
+        """Show what has changed; a panel that costs much and is not seen does so when it is shown."""
+        if not self.lazy or self.isVisible():
+            self.refresh(changes)
+        else:
+            self._pending = self._pending.joined(changes)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Catch up."""
+        super().showEvent(event)
+        if self._pending != Changes():
+            pending, self._pending = self._pending, Changes()
+            self.refresh(pending)
 
     def refresh(self, changes: Changes) -> None:
         """Show what has changed; called in the Qt thread at most about 30 times a second."""

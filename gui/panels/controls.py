@@ -15,7 +15,8 @@ from gui.theme import Theme
 #: command: (label, key, sign, what it does)
 BUTTONS = {
     "start": ("Start", "F5", "play", "Connect the devices and run the plan"),
-    "pause": ("Pause", "F6", "pause", "Rest after the point in hand, shutter closed"),
+    "pause": ("Pause after point", "F6", "pause", "Rest after the point in hand, shutter closed"),
+    "pause_now": ("Pause now", "Shift+F6", "pause", "Rest at once, shutter closed; the point in hand is repeated"),
     "resume": ("Resume", "F7", "play", "Go on with the scan"),
     "abort": ("Abort", "F8", "square", "End the scan in an orderly way; measured points are kept"),
     "halt": ("HALT", "F12", "cross", "Emergency: stop the arms and block the light now, without a question"),
@@ -37,7 +38,7 @@ class ControlsPanel(Panel):
         self.buttons: dict[str, QPushButton] = {}
         self.shortcuts: dict[str, QShortcut] = {}
         for column, (command, (label, key, _, tip)) in enumerate(BUTTONS.items()):
-            button = QPushButton(f"{label}  {key}")
+            button = QPushButton(f"{label}\n{key}")
             button.setObjectName(command)
             button.setToolTip(f"{tip} ({key})")
             button.setAccessibleName(f"{label}: {tip}")
@@ -64,7 +65,7 @@ class ControlsPanel(Panel):
             return
         self._allowed = allowed
         for command, button in self.buttons.items():
-            enabled = getattr(allowed, command)
+            enabled = allowed.pause if command == "pause_now" else getattr(allowed, command)
             if button.hasFocus() and not enabled:
                 button.clearFocus()  # else Qt hands the focus to the next button, where a space bar would press it
             button.setEnabled(enabled)

@@ -5,19 +5,20 @@ from __future__ import annotations
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from gui import marks, words
-from gui.model import Changes, ScanModel, plane_of
+from gui.model import Changes, ScanModel, noise_of, plane_of
 from gui.panels.base import Panel, quiet, value
 from gui.theme import Theme
 
 _FLAGS = {1: "saturated", 2: "overload", 4: "shadowed", 8: "repeated"}  # CF flags of the run file
+_ELECTRIC = ("Gain", "Scatter of samples", "Dark level", "Taken")
 
 
 class GeometryPanel(Panel):
     """Current geometry and last reading."""
 
-    area = "left"
+    area = "acquire"
     order = 1
-    title = "Current geometry"
+    title = "Current geometry and last reading"
 
     def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(model, theme, parent)
@@ -33,6 +34,10 @@ class GeometryPanel(Panel):
             "Last measured",
             "Simulated",
             "Difference t′",
+            "Gain",
+            "Scatter of samples",
+            "Dark level",
+            "Taken",
         )
         for row, name in enumerate(names):
             self.rows[name] = value("–")
@@ -40,7 +45,7 @@ class GeometryPanel(Panel):
             grid.addWidget(self.rows[name], row, 2)
         self.sign = QLabel()
         self.sign.setFixedWidth(18)
-        grid.addWidget(self.sign, len(names) - 1, 1)
+        grid.addWidget(self.sign, names.index("Difference t′"), 1)
         grid.setColumnStretch(2, 1)
         self.body.addLayout(grid)
         self.refresh(Changes(scan=True))
@@ -67,7 +72,7 @@ class GeometryPanel(Panel):
         last = self.model.last
         point = self.model.points[last.index] if last else None
         if last is None or point is None:
-            for name in ("Last measured", "Simulated", "Difference t′"):
+            for name in ("Last measured", "Simulated", "Difference t′", *_ELECTRIC):
                 self._set(name, "–")
             self.sign.clear()
             return
@@ -77,6 +82,11 @@ class GeometryPanel(Panel):
             f"{words.plane_title(plane_of(last.geometry))}, {words.point_values(point)}\n"
             f"{len(last.signal)} samples, gain {last.gain:.0e} V/A, dark {last.dark * 1e3:.3f} mV"
         )
+        self._set("Gain", words.gain(last.gain))
+        noise = noise_of(last.signal)
+        self._set("Scatter of samples", f"{100 * noise:.2g} % ({len(last.signal)} samples)")
+        self._set("Dark level", f"{last.dark * 1e3:.3g} mV".replace("-", words.MINUS))
+        self._set("Taken", f"{words.clock_time(last.time)} UTC")
         waiting = "no prediction yet" if point.simulated is None else ""
         self._set(
             "Simulated",

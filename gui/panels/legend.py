@@ -65,11 +65,31 @@ def legend(theme: Theme) -> QWidget:
     }
     for what, text in entries.items():
         flow.addWidget(_entry(_Sample(theme, what), text))
+    _add_categories(flow, theme)
+    return widget
+
+
+def category_legend(theme: Theme) -> QWidget:
+    """What explains the polar maps."""
+    widget = QWidget()
+    flow = FlowLayout(widget)
+    _add_categories(flow, theme)
+    for sign, colour, text in (
+        ("disc", theme.measured, "measured, no prediction yet"),
+        ("ring", theme.quiet_text, "not measured yet"),
+        ("square", theme.poor, "could not be measured"),
+    ):
+        label = QLabel()
+        label.setPixmap(marks.pixmap(sign, colour, 14))
+        flow.addWidget(_entry(label, text))
+    return widget
+
+
+def _add_categories(flow: FlowLayout, theme: Theme) -> None:
     for category in CATEGORIES:
         sign = QLabel()
         sign.setPixmap(marks.pixmap(marks.CATEGORY_SIGN[category], getattr(theme, category), 14))
         flow.addWidget(_entry(sign, category))
-    return widget
 
 
 def _entry(sign: QWidget, text: str) -> QWidget:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFont
-from PySide6.QtWidgets import QApplication, QCheckBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from gui import marks, words
 from gui.comparison import T_BANDS
@@ -18,6 +19,7 @@ from gui.panels.base import Panel, quiet
 from gui.panels.legend import legend
 from gui.theme import Theme
 
+_DIFFERENCE, _SCORE = "Relative difference", "t′"
 _T_SPAN = T_BANDS[1] * 1.75  # of the t' axis, where no point needs more
 _SIZE = {"good": 9, "acceptable": 10, "poor": 12}  # of the symbols; a cross looks smaller than a disc
 _HINT = "Point at a value to read it. Drag to shift, turn the wheel to zoom."
@@ -35,6 +37,8 @@ class PlotsPanel(Panel):
     area = "centre"
     order = 0
     stretch = 1
+    title = "Planes"
+    lazy = True
     follow_changed = Signal(bool)
 
     def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
@@ -67,8 +71,14 @@ class PlotsPanel(Panel):
         fit.setShortcut("Home")
         fit.setToolTip("Undo zoom and shift (Home)")
         fit.clicked.connect(self.fit)
+        self.below = QComboBox()
+        self.below.addItems([_DIFFERENCE, _SCORE])
+        self.below.setAccessibleName("What the lower plot shows")
+        self.below.setToolTip("Relative difference with bands of |t′| = 1 and 2 (shaded), or t′ itself")
+        self.below.currentIndexChanged.connect(lambda _: self._below_changed())
         row.addWidget(self.heading, 1)
         row.addWidget(self.follow)
+        row.addWidget(self.below)
         row.addWidget(fit)
         self.body.addLayout(row)
         self.legend_row = QVBoxLayout()
@@ -97,6 +107,10 @@ class PlotsPanel(Panel):
         self.measured = pg.ScatterPlotItem()
         for item in (*self.sim_bands, self.sim_line, self.u2, self.u1, self.measured):
             self.brf_plot.addItem(item)
+        self.d_bands = [Band("#000000", 255), Band("#000000", 255)]  # |t'| = 2, 1
+        for depth, each in enumerate(self.d_bands):
+            each.setZValue(-10 + depth)
+            self.t_plot.addItem(each, ignoreBounds=True)
         self.t_line = pg.PlotDataItem()
         self.t_points = pg.ScatterPlotItem()
         self.t_plot.addItem(self.t_line)
@@ -127,13 +141,16 @@ class PlotsPanel(Panel):
                 axis.setStyle(tickFont=font, autoExpandTextSpace=False)
         label = {"color": theme.text, "font-size": f"{font.pointSizeF():g}pt"}
         self.brf_plot.setLabel("left", "BRF", **label)
-        self.t_plot.setLabel("left", "t′", **label)
+        self._label = label
+        self._below_changed(draw=False)
         self.t_plot.setLabel("bottom", "sensor zenith (°)", **label)
         self.brf_plot.getAxis("left").enableAutoSIPrefix(False)
         for band, colour in zip(self.t_bands, (theme.band_outer, theme.band_inner), strict=True):
             band.setBrush(pg.mkBrush(colour))
             for line in band.lines:
                 line.setPen(pg.mkPen(theme.quiet_text, width=1, style=Qt.PenStyle.DashLine))
+        for each, colour in zip(self.d_bands, (theme.band_outer, theme.band_inner), strict=True):
+            each.set_colour(colour, 255)
         self.zero.setPen(pg.mkPen(theme.quiet_text, width=1))
         for sim, alpha in zip(self.sim_bands, (45, 85), strict=True):
             sim.set_colour(theme.simulated, alpha)
@@ -147,10 +164,26 @@ class PlotsPanel(Panel):
                 widget.setParent(None)
         self.legend_row.addWidget(legend(theme))
 
+    @property
+    def shows_difference(self) -> bool:
+        """Whether the lower plot shows the relative difference, not t'."""
+        return self.below.currentText() == _DIFFERENCE
+
+    def _below_changed(self, *, draw: bool = True) -> None:
+        difference = self.shows_difference
+        self.t_plot.setLabel("left", "ΔR / R  (%)" if difference else "t′", **self._label)
+        for band in self.t_bands:
+            band.setVisible(not difference)
+        for band in self.d_bands:
+            band.setVisible(difference)
+        if draw:
+            self.fit()
+
     def refresh(self, changes: Changes) -> None:
         """Draw again what has changed."""
         if changes.scan:
-            self.plane = None
+            if self.plane not in self.model.planes:
+                self.plane = None
             self.fit()
         elif self.plane in changes.planes:
             self._draw()
@@ -160,7 +193,10 @@ class PlotsPanel(Panel):
         if plane != self.plane:
             self.plane = plane
             self.readout.setText(_HINT)
-            self.fit()
+            if self.isVisible():
+                self.fit()
+            else:
+                self._pending = self._pending.joined(Changes(scan=True))
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""
@@ -215,8 +251,11 @@ class PlotsPanel(Panel):
 
     def _draw_scores(self, points: list[Point]) -> None:
         x = [p.geometry.sensor_zenith for p in points]
-        t = [p.score.t for p in points if p.score]
+        t = [self._lower(p) for p in points]
         self.t_line.setData(x, t)
+        for band, k in zip(self.d_bands, reversed(T_BANDS), strict=True):
+            half = [k * _percent_u(p) for p in points] if self.shows_difference else []
+            band.set_data(x if half else [], [-h for h in half], half)
         categories = [p.score.category for p in points if p.score]
         self.t_points.setData(
             x=x,
@@ -226,6 +265,11 @@ class PlotsPanel(Panel):
             brush=[pg.mkBrush(getattr(self.theme, c)) for c in categories],
             pen=[pg.mkPen(self.theme.surface, width=0.8) for c in categories],
         )
+
+    def _lower(self, point: Point) -> float:
+        """What the lower plot shows of a compared point."""
+        assert point.score is not None
+        return 100 * point.score.relative_difference if self.shows_difference else point.score.t
 
     def _draw_marks(self, points: list[Point]) -> None:
         current = self.model.current
@@ -246,7 +290,9 @@ class PlotsPanel(Panel):
         low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
         margin = max(0.06 * (high - low), 1e-4)
         self.brf_plot.setYRange(low - margin, high + margin, padding=0)
-        span = max([_T_SPAN, *(abs(p.score.t) * 1.15 for p in points if p.score)])
+        compared = [p for p in points if p.score is not None]
+        least = max([3.5 * _percent_u(p) for p in compared] or [4.0]) if self.shows_difference else _T_SPAN
+        span = max([least, *(abs(self._lower(p)) * 1.15 for p in compared)])
         self.t_plot.setYRange(-span, span, padding=0)
 
     def _point_at(self, position: Any) -> None:
@@ -258,6 +304,11 @@ class PlotsPanel(Panel):
                 nearest = min(points, key=lambda point: abs(point.geometry.sensor_zenith - x))
                 self.readout.setText(words.point_values(nearest))
                 return
+
+
+def _percent_u(point: Point) -> float:
+    """Combined standard uncertainty of a compared point, per cent of the measured value."""
+    return 100 * hypot(point.u_brf or 0.0, point.u_simulated or 0.0) / abs(point.brf or 1.0)
 
 
 def _extent(point: Point) -> list[float]:

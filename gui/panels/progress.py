@@ -20,7 +20,7 @@ _RESTING = {State.PAUSED, State.SUSPENDED, State.MOUNTING}
 class ProgressPanel(Panel):
     """Bar, counts, time left and the hour of the end. Time left counts down between the engine's estimates."""
 
-    area = "left"
+    area = "acquire"
     order = 0
     title = "Progress"
 

@@ -43,6 +43,7 @@ def answer(stage: Stage, qtbot: QtBot, text: str) -> None:
 
 def running(stage: Stage, count: int = 5) -> None:
     stage.window.do("start")
+    stage.window.show_page("watch")
     stage.play(ControllerStarting(), *preparation(POINTS), *readings(POINTS, count))
 
 

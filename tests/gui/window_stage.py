@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 class RecordingController:
     """Stands where a session would: remembers what was asked of it and says nothing by itself."""
 
+    detached = False
+
     def __init__(self) -> None:
         self.asked: list[str] = []
 
@@ -20,6 +22,9 @@ class RecordingController:
 
     def pause(self) -> None:
         self.asked.append("pause")
+
+    def pause_now(self) -> None:
+        self.asked.append("pause now")
 
     def resume(self) -> None:
         self.asked.append("resume")

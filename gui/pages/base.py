@@ -1,0 +1,125 @@
+"""What every page is, and what pages share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar
+
+from PySide6.QtCore import QSettings, Qt, Signal
+from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
+
+from gui.model import Changes, ScanModel
+from gui.panels.base import Panel
+from gui.setup import Setup
+from gui.theme import Theme
+
+
+@dataclass
+class Desk:
+    """What lies before the person: the scan, what is set up, what is remembered."""
+
+    model: ScanModel
+    setup: Setup
+    settings: QSettings
+    theme: Theme
+    panels: list[Panel] = field(default_factory=list)
+
+    def in_area(self, area: str) -> list[Panel]:
+        """Panels of an area, in order."""
+        return [panel for panel in self.panels if panel.area == area]
+
+    def folder(self, key: str) -> str:
+        """The folder that a file dialog opens."""
+        return str(self.settings.value(f"folder/{key}", ""))
+
+    def remember_folder(self, key: str, path: Path) -> None:
+        """Open the same folder next time."""
+        self.settings.setValue(f"folder/{key}", str(path.parent))
+
+
+class Page(QWidget):
+    """One page of the window.
+
+    Signals
+    -------
+    asked
+        A command to the scan (:data:`gui.panels.base.Command`).
+    go
+        Show the page of this name.
+    told
+        Something changed that other pages may show: ``plan``, ``setup``, ``run:FOLDER``.
+    said
+        A short line for the status bar.
+    """
+
+    asked = Signal(str)
+    go = Signal(str)
+    told = Signal(str)
+    said = Signal(str)
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    sign: ClassVar[str]
+    tip: ClassVar[str] = ""
+    order: ClassVar[int] = 0
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.setObjectName(f"page-{self.name}")
+
+    @property
+    def model(self) -> ScanModel:
+        """The scan."""
+        return self.desk.model
+
+    def refresh(self, changes: Changes) -> None:
+        """The scan has changed; called in the Qt thread at most about 30 times a second."""
+
+    def hear(self, what: str) -> None:
+        """Another page has told something."""
+
+    def enter(self) -> None:
+        """The page is shown now."""
+
+    def set_theme(self, theme: Theme) -> None:
+        """Use other colours."""
+
+    def restore(self, settings: QSettings) -> None:
+        """Take up the layout of last time."""
+
+    def remember(self, settings: QSettings) -> None:
+        """Keep the layout for next time."""
+
+
+def card(title: str = "", margins: int = 12) -> tuple[QFrame, QVBoxLayout]:
+    """A card and the layout of its body."""
+    frame = QFrame()
+    frame.setObjectName("card")
+    body = QVBoxLayout(frame)
+    body.setContentsMargins(margins, margins - 2, margins, margins - 2)
+    body.setSpacing(6)
+    if title:
+        label = QLabel(title)
+        label.setObjectName("cardTitle")
+        body.addWidget(label)
+    return frame, body
+
+
+def scrolled(widget: QWidget) -> QScrollArea:
+    """A widget that scrolls where there is no room for it."""
+    area = QScrollArea()
+    area.setWidget(widget)
+    area.setWidgetResizable(True)
+    area.setFrameShape(QFrame.Shape.NoFrame)
+    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAsNeeded)
+    return area
+
+
+def explained(error: Exception) -> str:
+    """An exception as a line with what to do."""
+    from gui.control import explain
+
+    text, advice = explain(error)
+    return f"{text}\n{advice}" if advice else text

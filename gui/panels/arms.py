@@ -1,0 +1,247 @@
+"""The arms, the beam and the sample in three dimensions, moving as the scan commands them.
+
+Drawn with lines on the processor: it needs no graphics card and no OpenGL, so it works wherever a window opens.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from PySide6.QtCore import QPointF, QSize, Qt, QTimer
+from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from gui import words
+from gui.model import Changes, ScanModel
+from gui.panels.base import Panel, quiet
+from gui.theme import Theme
+
+Vector = tuple[float, float, float]
+Pose = tuple[float, float, float]  # illumination zenith, sensor zenith, sensor azimuth; degree
+
+_FRAME_MS = 40
+_MOVE_WALL = 0.5  # seconds in which the picture follows a move, however long the arms take
+_VIEW = (-62.0, 24.0)  # azimuth and height from which one looks, degree
+_BEAM = 0.05  # half-width of the drawn beam, arm lengths
+_PLATE = 0.26
+
+
+def direction(zenith: float, azimuth: float) -> Vector:
+    """Unit vector of a direction in degree; the zenith angle may be negative."""
+    zenith_rad, azimuth_rad = math.radians(zenith), math.radians(azimuth)
+    return (
+        math.sin(zenith_rad) * math.cos(azimuth_rad),
+        math.sin(zenith_rad) * math.sin(azimuth_rad),
+        math.cos(zenith_rad),
+    )
+
+
+class ArmsView(QWidget):
+    """A picture of the instrument in a pose; drag, or use the arrow keys, to look from elsewhere."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.theme = theme
+        self.pose: Pose | None = None
+        self._from: Pose | None = None
+        self._to: Pose | None = None
+        self._share = 1.0
+        self._view = list(_VIEW)
+        self._drag: QPointF | None = None
+        self.light = False
+        self.setMinimumSize(QSize(260, 220))
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setAccessibleName("Arms, beam and sample; arrow keys turn the view")
+        self._clock = QTimer(self)
+        self._clock.setInterval(_FRAME_MS)
+        self._clock.timeout.connect(self._step)
+
+    def go_to(self, pose: Pose | None) -> None:
+        """Move the drawn arms to a pose."""
+        if pose == self._to:
+            return
+        if pose is None or self.pose is None:
+            self.pose = self._to = pose
+            self.update()
+            return
+        self._from, self._to, self._share = self.pose, pose, 0.0
+        if self.isVisible():
+            self._clock.start()
+        else:
+            self.pose = pose
+
+    def _step(self) -> None:
+        self._share = min(self._share + _FRAME_MS / 1000 / _MOVE_WALL, 1.0)
+        assert self._from is not None
+        assert self._to is not None
+        smooth = self._share * self._share * (3 - 2 * self._share)
+        a, b = self._from, self._to
+        self.pose = tuple(x + smooth * (y - x) for x, y in zip(a, b, strict=True))  # type: ignore[assignment]
+        if self._share >= 1.0 or not self.isVisible():
+            self.pose = self._to
+            self._clock.stop()
+        self.update()
+
+    def _project(self, point: Vector) -> QPointF:
+        turn_rad, height_rad = math.radians(self._view[0]), math.radians(self._view[1])
+        x, y, z = point
+        across = x * math.cos(turn_rad) - y * math.sin(turn_rad)
+        depth = x * math.sin(turn_rad) + y * math.cos(turn_rad)
+        up = z * math.cos(height_rad) + depth * math.sin(height_rad)
+        scale = min(self.width() / 2.75, self.height() / 1.95)
+        return QPointF(self.width() / 2 + scale * across, self.height() * 0.72 - scale * up)
+
+    def _line(self, painter: QPainter, points: Sequence[Vector]) -> None:
+        painter.drawPolyline(QPolygonF([self._project(point) for point in points]))
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        self._draw_ground(painter)
+        if self.pose is not None:
+            self._draw_arms(painter, self.pose)
+        painter.end()
+
+    def _draw_ground(self, painter: QPainter) -> None:
+        theme = self.theme
+        painter.setPen(QPen(QColor(theme.line), 1.4))
+        self._line(painter, [direction(90, azimuth) for azimuth in range(0, 361, 6)])
+        painter.setPen(QPen(QColor(theme.line), 0.8))
+        for azimuth in range(0, 180, 30):
+            self._line(painter, [direction(zenith, azimuth) for zenith in range(-90, 91, 6)])
+        for zenith in (30, 60):
+            self._line(painter, [direction(zenith, azimuth) for azimuth in range(0, 361, 6)])
+        painter.setPen(QColor(theme.quiet_text))
+        for azimuth in (0, 90, 180, 270):
+            x, y, _ = direction(90, azimuth)
+            at = self._project((1.12 * x, 1.12 * y, 0.0))
+            painter.drawText(at - QPointF(12, -5), f"{azimuth}°")
+        corners = [(-_PLATE, -_PLATE), (_PLATE, -_PLATE), (_PLATE, _PLATE), (-_PLATE, _PLATE)]
+        painter.setPen(QPen(QColor(theme.text), 1.4))
+        painter.setBrush(QColor(theme.raised))
+        painter.drawPolygon(QPolygonF([self._project((x, y, 0.0)) for x, y in corners]))
+        painter.setBrush(QColor(theme.quiet_text))
+        painter.setPen(Qt.PenStyle.NoPen)
+        for i in range(-3, 4):
+            for j in range(-3, 4):
+                painter.drawEllipse(self._project((i * _PLATE / 4, j * _PLATE / 4, 0.0)), 1.6, 1.0)
+
+    def _draw_arms(self, painter: QPainter, pose: Pose) -> None:
+        theme, (illumination, zenith, azimuth) = self.theme, pose
+        light, sensor = direction(illumination, 0.0), direction(zenith, azimuth)
+        beam = QColor(theme.simulated)
+        beam.setAlpha(110 if self.light else 40)
+        side = direction(illumination + 90.0, 0.0)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(beam)
+        edges = [(1, 0.5), (1, -0.5), (0, -1.0), (0, 1.0)]
+        painter.drawPolygon(
+            QPolygonF(
+                [
+                    self._project(tuple(r * a + _BEAM * w * b for a, b in zip(light, side, strict=True)))  # type: ignore[arg-type]
+                    for r, w in edges
+                ]
+            )
+        )
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(QPen(QColor(theme.measured), 1.6, Qt.PenStyle.DashLine))
+        self._line(painter, [(0.0, 0.0, 0.0), sensor])
+        self._arm(painter, illumination, 0.0, theme.simulated, "light", f"{words.angle(round(illumination, 1))}")
+        where = f"{words.angle(round(zenith, 1))}, azimuth {words.angle(round(azimuth, 1))}"
+        self._arm(painter, zenith, azimuth, theme.measured, "sensor", where)
+
+    def _arm(self, painter: QPainter, zenith: float, azimuth: float, colour: str, name: str, text: str) -> None:
+        """An arc from the ground to the head, the head, and its angles."""
+        foot = 90.0 if zenith >= 0 else -90.0
+        steps = 24
+        reach = [foot + (zenith - foot) * step / steps for step in range(steps + 1)]
+        painter.setPen(QPen(QColor(colour), 5, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        self._line(painter, [tuple(1.04 * c for c in direction(angle, azimuth)) for angle in reach])  # type: ignore[misc]
+        head = self._project(tuple(1.04 * c for c in direction(zenith, azimuth)))  # type: ignore[arg-type]
+        painter.setBrush(QColor(self.theme.surface))
+        painter.setPen(QPen(QColor(colour), 2.4))
+        if name == "light":
+            painter.drawEllipse(head, 9, 9)
+        else:
+            painter.drawRect(round(head.x()) - 8, round(head.y()) - 8, 16, 16)
+        painter.setPen(QColor(self.theme.text))
+        right = head.x() < self.width() * 0.62
+        label = f"{name} {text}"
+        width = painter.fontMetrics().horizontalAdvance(label)
+        above = 26 if name == "light" else 0  # the two labels never stand on each other
+        painter.drawText(head + QPointF(16 if right else -16 - width, 5 - above), label)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Begin to turn the view."""
+        self._drag = event.position()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Turn the view."""
+        if self._drag is not None:
+            moved = event.position() - self._drag
+            self._drag = event.position()
+            self._turn(moved.x() * 0.5, moved.y() * 0.4)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """The view stays as it is."""
+        self._drag = None
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Turn the view with the arrow keys."""
+        turns = {
+            Qt.Key.Key_Left: (-8.0, 0.0),
+            Qt.Key.Key_Right: (8.0, 0.0),
+            Qt.Key.Key_Up: (0.0, 6.0),
+            Qt.Key.Key_Down: (0.0, -6.0),
+        }
+        key = Qt.Key(event.key())
+        if key in turns:
+            self._turn(*turns[key])
+        else:
+            super().keyPressEvent(event)
+
+    def _turn(self, across: float, up: float) -> None:
+        self._view[0] = (self._view[0] + across) % 360.0
+        self._view[1] = min(max(self._view[1] + up, 4.0), 88.0)
+        self.update()
+
+
+class ArmsPanel(Panel):
+    """The instrument as it is commanded now."""
+
+    area = "acquire-right"
+    title = "Instrument"
+    lazy = True
+
+    def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(model, theme, parent)
+        self.view = ArmsView(theme)
+        self.body.addWidget(self.view, 1)
+        self.text = quiet("Commanded positions. Drag, or use the arrow keys, to look from elsewhere.")
+        self.text.setWordWrap(True)
+        self.body.addWidget(self.text)
+        self.refresh(Changes(scan=True))
+
+    def refresh(self, changes: Changes) -> None:
+        """Follow the scan."""
+        if not (changes.scan or changes.current or changes.state):
+            return
+        model = self.model
+        self.view.light = model.state.value == "measuring"
+        if model.current is not None:
+            geometry = model.points[model.current].geometry
+            self.view.go_to((geometry.illumination_zenith, geometry.sensor_zenith, geometry.sensor_azimuth))
+        elif changes.scan:
+            self.view.go_to((0.0, 45.0, 0.0) if model.points else None)
+        self.view.update()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Use other colours."""
+        self.theme = self.view.theme = theme
+        self.view.update()
+
+
+PANEL = ArmsPanel

@@ -1,0 +1,158 @@
+"""Polar maps of the three metrics, coloured and shaped by category (the paper's Fig. 15)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QWidget
+
+from gui import words
+from gui.model import Changes, PlaneKey, Point, ScanModel
+from gui.panels.base import Panel, quiet
+from gui.panels.legend import category_legend
+from gui.polar_map import PolarMap, Spot
+from gui.scores import Score
+from gui.theme import Theme
+
+_METRICS: dict[str, Callable[[Score], str]] = {
+    "Relative difference": lambda score: score.difference_category,
+    "t′": lambda score: score.category,
+    "Level of agreement n′": lambda score: score.level_category,
+}
+_HINT = "Point at a value to read it. The star is where the light comes from."
+
+
+class PolarPanel(Panel):
+    """Three maps of the points that share wavelength and illumination."""
+
+    area = "centre"
+    order = 10
+    title = "Polar maps"
+    lazy = True
+
+    def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(model, theme, parent)
+        row = QHBoxLayout()
+        self.choice = QComboBox()
+        self.choice.setAccessibleName("Illumination that the maps show")
+        self.choice.currentIndexChanged.connect(self._chosen)
+        self.follow = QCheckBox("Follow the scan")
+        self.follow.setChecked(True)
+        row.addWidget(QLabel("Illumination"))
+        row.addWidget(self.choice, 1)
+        row.addWidget(self.follow)
+        self.body.addLayout(row)
+        self.legend = category_legend(theme)
+        self.body.addWidget(self.legend)
+        maps = QHBoxLayout()
+        self.maps = {name: PolarMap(theme, name) for name in _METRICS}
+        for each in self.maps.values():
+            each.pointed.connect(self._pointed)
+            maps.addWidget(each, 1)
+        self.body.addLayout(maps, 1)
+        self.readout = quiet(_HINT)
+        self.readout.setWordWrap(True)
+        self.body.addWidget(self.readout)
+        self._groups: dict[tuple[Any, ...], list[int]] = {}
+        self._places: dict[int, int] = {}
+        self._filling = False
+        self.refresh(Changes(scan=True))
+
+    def refresh(self, changes: Changes) -> None:
+        """Show new points."""
+        if changes.scan:
+            self._regroup()
+            return
+        if changes.current and self.follow.isChecked() and self.model.current is not None:
+            key = _group(self.model.points[self.model.current])
+            index = list(self._groups).index(key)
+            if index != self.choice.currentIndex():
+                self.choice.setCurrentIndex(index)
+                return
+        for index in changes.points:
+            place = self._places.get(index)
+            if place is not None:
+                for name, each in self.maps.items():
+                    each.change(place, _kind(self.model.points[index], name))
+
+    def set_theme(self, theme: Theme) -> None:
+        """Use other colours."""
+        self.theme = theme
+        for each in self.maps.values():
+            each.set_theme(theme)
+        legend = category_legend(theme)
+        self.body.replaceWidget(self.legend, legend)
+        self.legend.setParent(None)
+        self.legend = legend
+
+    def _regroup(self) -> None:
+        self._groups = {}
+        for point in self.model.points:
+            self._groups.setdefault(_group(point), []).append(point.index)
+        self._filling = True
+        self.choice.clear()
+        for wavelength, zenith, azimuth, *_ in self._groups:
+            side = f", azimuth {words.angle(azimuth)}" if azimuth else ""
+            self.choice.addItem(f"{wavelength:g} nm, illumination zenith {words.angle(zenith)}{side}")
+        if self.follow.isChecked() and self.model.current is not None:
+            here = _group(self.model.points[self.model.current])
+            self.choice.setCurrentIndex(list(self._groups).index(here))
+        self._filling = False
+        self._show()
+
+    def _chosen(self) -> None:
+        if not self._filling:
+            self._show()
+
+    def show_plane(self, plane: PlaneKey | None) -> None:
+        """Show the illumination of a plane."""
+        if plane is None:
+            return
+        for index, key in enumerate(self._groups):
+            if key[:3] == plane[:3] and self.choice.currentIndex() != index:
+                self.choice.setCurrentIndex(index)
+
+    def _show(self) -> None:
+        index = self.choice.currentIndex()
+        keys = list(self._groups)
+        members = self._groups[keys[index]] if 0 <= index < len(keys) else []
+        self._places = {point: place for place, point in enumerate(members)}
+        light = (keys[index][1], keys[index][2]) if members else None
+        for name, each in self.maps.items():
+            each.show_spots(
+                [
+                    Spot(
+                        self.model.points[i].geometry.sensor_zenith,
+                        self.model.points[i].geometry.sensor_azimuth,
+                        _kind(self.model.points[i], name),
+                    )
+                    for i in members
+                ],
+                light,
+            )
+
+    def _pointed(self, place: int) -> None:
+        index = next((i for i, p in self._places.items() if p == place), None)
+        if index is None:
+            self.readout.setText(_HINT)
+            return
+        point = self.model.points[index]
+        azimuth = f"sensor azimuth {words.angle(point.geometry.sensor_azimuth)}   "
+        self.readout.setText(azimuth + words.point_values(point))
+
+
+def _group(point: Point) -> tuple[Any, ...]:
+    g = point.geometry
+    return (g.wavelength, g.illumination_zenith, g.illumination_azimuth)
+
+
+def _kind(point: Point, metric: str) -> str:
+    if point.skipped:
+        return "missing"
+    if point.score is not None:
+        return _METRICS[metric](point.score)
+    return "measured" if point.settled else "waiting"
+
+
+PANEL = PolarPanel

@@ -1,0 +1,220 @@
+"""Points of a hemisphere from above: the azimuth around, the zenith angle from the middle outwards.
+
+Drawn once into a picture that only grows by the points that change, so that a map of many points costs no more than
+one of few.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from gui.theme import Theme
+
+_RINGS = (30.0, 60.0, 90.0)
+_SPOKES = (0, 45, 90, 135, 180, 225, 270, 315)
+_MARGIN = 26
+_NEAR = 14.0  # logical pixels within which a point is pointed at
+
+
+@dataclass(frozen=True)
+class Spot:
+    """One point: sensor zenith and azimuth (degree, zenith of either sign) and what is to be seen there.
+
+    ``kind``: ``planned``, ``blocked``, ``waiting``, ``missing``, ``measured``, ``good``, ``acceptable`` or ``poor``.
+    """
+
+    zenith: float
+    azimuth: float
+    kind: str
+
+
+class PolarMap(QWidget):
+    """A map of spots.
+
+    Signals
+    -------
+    pointed
+        Index of the spot under the pointer; -1 for none.
+    """
+
+    pointed = Signal(int)
+
+    def __init__(self, theme: Theme, title: str = "") -> None:
+        super().__init__()
+        self.theme, self.title = theme, title
+        self.spots: list[Spot] = []
+        self.illumination: tuple[float, float] | None = None
+        self._image: QImage | None = None
+        self._under = -1
+        self.setMouseTracking(True)
+        self.setMinimumSize(QSize(170, 170))
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setAccessibleName(title or "Polar map of the points")
+
+    def show_spots(self, spots: Sequence[Spot], illumination: tuple[float, float] | None = None) -> None:
+        """Show other points.
+
+        Parameters
+        ----------
+        illumination
+            Zenith and azimuth of the incident light, degree.
+        """
+        self.spots, self.illumination = list(spots), illumination
+        self._under = -1
+        self._image = None
+        self.update()
+
+    def change(self, index: int, kind: str) -> None:
+        """Show a point differently; only this point is drawn."""
+        spot = self.spots[index]
+        if spot.kind == kind:
+            return
+        self.spots[index] = Spot(spot.zenith, spot.azimuth, kind)
+        if self._image is not None:
+            painter = self._painter(self._image)
+            self._draw(painter, self.spots[index], wipe=True)
+            painter.end()
+        self.update()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Use other colours."""
+        self.theme, self._image = theme, None
+        self.update()
+
+    def place(self, spot: Spot) -> QPointF:
+        """Where a spot lies in the widget."""
+        angle_rad = math.radians(spot.azimuth + (180.0 if spot.zenith < 0 else 0.0))
+        radius = abs(spot.zenith) / 90.0 * self._radius()
+        middle = QPointF(self.width() / 2, self.height() / 2 + (8 if self.title else 0))
+        return middle + QPointF(radius * math.cos(angle_rad), -radius * math.sin(angle_rad))
+
+    def nearest(self, position: QPointF) -> int:
+        """Index of the spot at a position; -1 where there is none."""
+        best, index = _NEAR, -1
+        for number, spot in enumerate(self.spots):
+            offset = self.place(spot) - position
+            distance = math.hypot(offset.x(), offset.y())
+            if distance < best:
+                best, index = distance, number
+        return index
+
+    def _radius(self) -> float:
+        return max(min(self.width(), self.height() - (16 if self.title else 0)) / 2 - _MARGIN, 10.0)
+
+    def _size_of_spot(self) -> float:
+        return max(2.2, min(5.5, 1.2 * self._radius() / math.sqrt(len(self.spots) + 1)))
+
+    def _painter(self, image: QImage) -> QPainter:
+        painter = QPainter(image)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        return painter
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Draw anew in another size."""
+        self._image = None
+        super().resizeEvent(event)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Show the picture, and which point is pointed at."""
+        if self._image is None:
+            self._image = self._whole()
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.drawImage(QPointF(0, 0), self._image)
+        if 0 <= self._under < len(self.spots):
+            painter.setPen(QPen(QColor(self.theme.text), 1.6))
+            painter.drawEllipse(self.place(self.spots[self._under]), 9, 9)
+        painter.end()
+
+    def _whole(self) -> QImage:
+        ratio = self.devicePixelRatioF()
+        image = QImage(
+            round(self.width() * ratio), round(self.height() * ratio), QImage.Format.Format_ARGB32_Premultiplied
+        )
+        image.setDevicePixelRatio(ratio)
+        image.fill(Qt.GlobalColor.transparent)
+        painter = self._painter(image)
+        self._draw_grid(painter)
+        for spot in self.spots:
+            self._draw(painter, spot)
+        painter.end()
+        return image
+
+    def _draw_grid(self, painter: QPainter) -> None:
+        theme, middle, radius = self.theme, self.place(Spot(0.0, 0.0, "")), self._radius()
+        painter.setPen(QPen(QColor(theme.line), 1))
+        for ring in _RINGS:
+            painter.drawEllipse(middle, radius * ring / 90, radius * ring / 90)
+        small = painter.font()
+        small.setPointSizeF(small.pointSizeF() * 0.82)
+        painter.setFont(small)
+        for azimuth in _SPOKES:
+            end = self.place(Spot(90.0, azimuth, ""))
+            painter.setPen(QPen(QColor(theme.line), 1))
+            painter.drawLine(middle, end)
+            outside = self.place(Spot(90.0 * (1 + 15 / radius), azimuth, ""))
+            painter.setPen(QColor(theme.quiet_text))
+            box = QRectF(outside.x() - 24, outside.y() - 9, 48, 18)
+            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, f"{azimuth}°")
+        painter.setPen(QColor(theme.quiet_text))
+        for ring in _RINGS[:2]:
+            corner = self.place(Spot(ring, 67.5, ""))
+            painter.drawText(
+                QRectF(corner.x() - 16, corner.y() - 8, 32, 16), Qt.AlignmentFlag.AlignCenter, f"{ring:g}°"
+            )
+        if self.title:
+            painter.setPen(QColor(theme.text))
+            painter.drawText(QRectF(0, 0, self.width(), 18), Qt.AlignmentFlag.AlignCenter, self.title)
+        if self.illumination is not None:
+            here = self.place(Spot(*self.illumination, ""))
+            painter.setPen(QPen(QColor(theme.simulated), 2))
+            for turn in range(4):
+                angle_rad = math.radians(45 * turn)
+                arm = QPointF(9 * math.cos(angle_rad), 9 * math.sin(angle_rad))
+                painter.drawLine(here - arm, here + arm)
+
+    def _draw(self, painter: QPainter, spot: Spot, *, wipe: bool = False) -> None:
+        theme, at, size = self.theme, self.place(spot), self._size_of_spot()
+        if wipe:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(QColor(theme.surface))
+            painter.drawEllipse(at, size + 1, size + 1)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        if spot.kind in ("good", "measured"):
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(QColor(theme.good if spot.kind == "good" else theme.measured))
+            painter.drawEllipse(at, size, size)
+        elif spot.kind == "acceptable":
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(QColor(theme.acceptable))
+            corners = [QPointF(0, -1.15), QPointF(1.1, 0.85), QPointF(-1.1, 0.85)]
+            painter.drawPolygon(QPolygonF([at + corner * size for corner in corners]))
+        elif spot.kind in ("poor", "blocked"):
+            painter.setPen(QPen(QColor(theme.poor), max(size * 0.42, 1.4)))
+            for sign in (1, -1):
+                arm = QPointF(size * 0.85, sign * size * 0.85)
+                painter.drawLine(at - arm, at + arm)
+        elif spot.kind == "missing":
+            painter.setPen(QPen(QColor(theme.poor), 1.4))
+            painter.drawRect(QRectF(at.x() - size, at.y() - size, 2 * size, 2 * size))
+        else:
+            planned = spot.kind == "planned"
+            painter.setPen(QPen(QColor(theme.measured if planned else theme.quiet_text), 1.4 if planned else 0.9))
+            painter.drawEllipse(at, size * 0.75, size * 0.75)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Tell which point is pointed at."""
+        self._point(self.nearest(event.position()))
+
+    def _point(self, index: int) -> None:
+        if index != self._under:
+            self._under = index
+            self.pointed.emit(index)
+            self.update()

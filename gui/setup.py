@@ -1,0 +1,76 @@
+"""What the next start asks for: the laboratory, which stays, and what a person chooses for each run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from instrument.request import ScanRequest
+
+
+@dataclass
+class Setup:
+    """Fields as in :class:`instrument.request.ScanRequest`, and what is noted beside the run.
+
+    Attributes
+    ----------
+    operator, sample
+        Names that are kept in the run folder.
+    resume
+        An interrupted run that the next start goes on with.
+    runs
+        Folder whose runs are listed.
+    """
+
+    simulate: bool = False
+    speed: float = 1.0
+    seed: int = 1
+    devices: Path | None = None
+    facility: Path | None = None
+    artifact: Path | None = None
+    material: Path | None = None
+    corrections: Path | None = None
+    out: Path | None = None
+    twin: bool = True
+    plan: Path | None = None
+    operator: str = ""
+    sample: str = ""
+    resume: Path | None = None
+    runs: Path = Path("runs")
+
+    @property
+    def laboratory(self) -> str:
+        """What is driven, in words."""
+        if self.simulate:
+            return f"simulated laboratory, {self.speed:g} times faster"
+        return str(self.devices) if self.devices else ""
+
+    def request(self) -> ScanRequest:
+        """What a start asks for; each makes a run folder of its own unless it goes on with one."""
+        if self.resume is not None:
+            where: dict[str, Any] = {"devices": self.devices} if self.devices else {}
+            if self.simulate:
+                where = {"simulate": True, "speed": self.speed, "seed": self.seed}
+            return ScanRequest(resume=self.resume.absolute(), twin=self.twin, **where)
+        return ScanRequest(
+            plan=self.plan,
+            simulate=self.simulate,
+            speed=self.speed if self.simulate else 1.0,
+            seed=self.seed,
+            devices=self.devices,
+            facility=self.facility,
+            artifact=self.artifact,
+            material=self.material,
+            corrections=self.corrections,
+            out=self.out,
+            twin=self.twin,
+        )
+
+    def content(self) -> dict[str, Any]:
+        """What the process of a scan is told (:mod:`gui.host`)."""
+        notes = {"operator": self.operator, "sample": self.sample}
+        return {
+            "request": self.request().model_dump(mode="json", exclude_unset=True),
+            "notes": {key: text for key, text in notes.items() if text},
+        }

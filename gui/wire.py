@@ -1,0 +1,41 @@
+"""Events and notices as lines of JSON, between the process that runs a scan and the windows that show it."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from typing import Any, get_args
+
+from gui.notices import Notice
+from instrument.events import Event, from_json, to_json
+
+_NOTICES: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Notice)}
+#: What a window may ask of the process.
+COMMANDS = ("pause", "pause_now", "resume", "abort", "halt", "done", "give_up")
+
+
+def encode(item: Event | Notice) -> str:
+    """One line without a line break."""
+    if type(item).__name__ not in _NOTICES:
+        return to_json(item)  # type: ignore[arg-type]
+    fields: dict[str, Any] = vars(item)
+    fields = {key: value.isoformat() if isinstance(value, datetime) else value for key, value in fields.items()}
+    return json.dumps({"notice": type(item).__name__, **fields})
+
+
+def decode(line: str | bytes) -> Event | Notice:
+    """Read a line back.
+
+    Raises
+    ------
+    ValueError
+        If the line is neither an event nor a notice.
+    """
+    if b'"notice"' not in (line if isinstance(line, bytes) else line.encode())[:12]:
+        return from_json(line)
+    fields = json.loads(line)
+    kind = _NOTICES[fields.pop("notice")]
+    if "time" in fields:
+        fields["time"] = datetime.fromisoformat(fields["time"])
+    notice: Notice = kind(**fields)
+    return notice
