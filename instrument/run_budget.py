@@ -121,7 +121,8 @@ def _say_slope(dataset: xr.Dataset, name: str, term: AngleTerm) -> None:
     """An error of the angle raises some points and lowers others: the signs make the correlation."""
     attributes = dataset[name].attrs
     attributes["source"] = term.source
-    if attributes.get("err_corr_1_form") != "systematic" or not np.any(term.signed < 0):
+    opposite = np.any(term.signed < 0) and np.any(term.signed > 0)
+    if attributes.get("err_corr_1_form") != "systematic" or not opposite:
         return
     if dataset.sizes["point"] > MATRIX_POINTS:
         for key in [key for key in attributes if key.startswith("err_corr")]:
@@ -129,8 +130,8 @@ def _say_slope(dataset: xr.Dataset, name: str, term: AngleTerm) -> None:
         attributes["source"] += "; errors of points whose slopes differ in sign are opposite"
         return
     matrix = f"err_corr_{name}"
-    dataset[matrix] = (("point", "point_2"), term.correlation, {"long_name": f"correlation of {name} between points"})
     attributes |= correlated("err_corr_matrix", matrix)
+    dataset[matrix] = (("point", "point_2"), term.correlation, {"long_name": f"correlation of {name} between points"})
 
 
 def _sample_noise(dataset: xr.Dataset) -> FloatArray:
