@@ -95,14 +95,26 @@ _function: list[Callable[[Any], Any]] = []
 def _begin(function: Callable[[Any], Any], workers: int) -> None:
     """Prepare a worker process; the ray tracer's threads share the machine with those of the other workers."""
     import os
+    from threading import Thread
 
     from twin.llvm import import_mitsuba
 
+    Thread(target=_end_with_parent, daemon=True).start()
     _function[:] = [function]
     import_mitsuba()
     import drjit
 
     drjit.set_thread_count(max(1, (os.cpu_count() or 1) // workers))
+
+
+def _end_with_parent() -> None:
+    """End this worker when the process that feeds it is gone, killed perhaps: nobody waits for its work."""
+    import os
+
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _call(item: Any) -> Any:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -34,6 +37,40 @@ def test_other_processes_do_the_work_and_keep_the_order() -> None:
     assert os.getpid() not in {process for _, process in found}
     with pytest.raises(ValueError, match="expected at least 0"):
         spread(partial(scaled, 3), [1, -1], workers=2)
+
+
+def wait_long(folder: str, item: int) -> None:
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(600)
+
+
+def spread_over_two(folder: str) -> None:
+    spread(partial(wait_long, folder), range(4), workers=2)
+
+
+def eventually(true: Callable[[], bool], seconds: float = 60.0) -> bool:
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.05)
+    return true()
+
+
+@pytest.mark.slow
+def test_workers_end_when_the_process_that_feeds_them_is_killed(tmp_path: Path) -> None:
+    feeding = multiprocessing.get_context("spawn").Process(target=spread_over_two, args=(str(tmp_path),))
+    feeding.start()
+    assert eventually(lambda: len(list(tmp_path.iterdir())) == 2)
+    feeding.kill()
+    feeding.join()
+    workers = [int(file.name) for file in tmp_path.iterdir()]
+    assert eventually(lambda: not any(is_running(worker) for worker in workers))
+
+
+def is_running(process: int) -> bool:
+    try:
+        return "Z" not in Path(f"/proc/{process}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0]
+    except FileNotFoundError:
+        return False
 
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,6 +29,10 @@ def blind_check(
         Path | None, typer.Option(help="JSON with the truth of those runs, by name.", show_default=False)
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Address of a Dask scheduler; its workers must see the same folders.", show_default=False),
+    ] = None,
     cache: Annotated[Path | None, typer.Option(help="Folder for renderings.", show_default=False)] = None,
     json: Annotated[Path | None, typer.Option(help="Write the scores here.", show_default=False)] = None,
 ) -> None:
@@ -47,7 +51,7 @@ def blind_check(
         _make(out, cases, seed, workers)
         runs, common = out / "cases", out / "common"
     assert common is not None
-    found = _diagnose(sorted(runs.glob("*.nc")), common, out / "diagnoses", cache, workers)
+    found = _diagnose(sorted(runs.glob("*.nc")), common, out / "diagnoses", cache, workers, cluster)
     truths = _open_labels(out, labels)
     _report(found, truths, json)
 
@@ -66,32 +70,36 @@ def _make(out: Path, cases: int, seed: int, workers: int) -> None:
 
 
 def _diagnose(
-    files: Sequence[Path], common: Path, out: Path, cache: Path | None, workers: int
+    files: Sequence[Path], common: Path, out: Path, cache: Path | None, workers: int, cluster: str | None
 ) -> dict[str, dict[str, Any]]:
     """Diagnoses by the name of the run; those that are there already are kept."""
     import json as codec
     import os
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
+    from functools import partial
 
     from rich.console import Console
-    from rich.progress import track
+    from rich.progress import Progress
 
     from instrument.errors import InputError
+    from twin.cluster import spread
 
     if not files:
         raise InputError("no runs (*.nc) in the folder; expected at least one")
     out.mkdir(parents=True, exist_ok=True)
     todo = [file for file in files if not (out / f"{file.stem}.json").exists()]
-    if todo:
-        # One thread a process: linear algebra on all cores in several processes makes each many times slower.
-        os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            # The first alone: it renders what all others use.
-            pool.submit(diagnose_file, todo[0], common, out, cache).result()
-            rest = [pool.submit(diagnose_file, file, common, out, cache) for file in todo[1:]]
-            for job in track(rest, "diagnosing", console=Console(stderr=True)):
-                job.result()
+    # One thread a process: linear algebra on all cores in several processes makes each many times slower.
+    os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    work = partial(diagnose_file, common=common, out=out, cache=cache)
+    with Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task("diagnosing", total=len(todo))
+        # The first alone: it renders what all others use.
+        for batch in (todo[:1], todo[1:]):
+            before = int(progress.tasks[0].completed)
+
+            def tell(count: int, before: int = before) -> None:
+                progress.update(task, completed=before + count)
+
+            spread(work, batch, address=cluster, workers=workers, done=tell)
     return {file.stem: codec.loads((out / f"{file.stem}.json").read_text(encoding="utf-8")) for file in files}
 
 
