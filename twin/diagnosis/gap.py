@@ -259,6 +259,8 @@ def _predictive(problem: Problem, fold: Fold, generator: np.random.Generator) ->
     seen = np.empty((_DRAWS, len(fold.seen)))
     for number, (fit, _) in enumerate(fold.explanations):
         draws = np.flatnonzero(explained == number)
+        if not len(draws):
+            continue
         values = _drawn(problem, fit, len(draws), generator)
         result[draws] = _table(problem, fit, values, fold.rows)
         seen[draws] = problem.residual[fold.seen] - _table(problem, fit, values, fold.seen)
