@@ -6,7 +6,7 @@ Angles in degree, wavelengths in nm (data contract, section Angles and frames).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from instrument.angles import FloatArray, angle_between, direction
@@ -16,6 +16,7 @@ from instrument.facility import Arms, Facility
 from instrument.forms import read_form
 from instrument.plan_forms import Direction, PlanForm, Table
 from instrument.plan_points import MOST_POINTS, WAVELENGTH_RANGE, describe, ordered_points
+from instrument.run_record import RunRecord
 
 __all__ = [
     "MOST_POINTS",
@@ -57,6 +58,8 @@ class Plan:
         ``unidirectional``, or ``serpentine`` when every other zenith sweep is reversed.
     source
         The file, for messages.
+    record
+        Who measures what.
     """
 
     title: str
@@ -65,6 +68,7 @@ class Plan:
     samples: int
     direction: Direction
     source: str
+    record: RunRecord = field(default_factory=RunRecord)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -112,7 +116,7 @@ def make_plan(form: PlanForm, facility: Facility, source: str, folder: Path | No
     if not measurable:
         raise InputError(f"{source}: all {len(points)} points are blocked ({reasons[0]}); nothing is left to measure")
     blocked = tuple(Blocked(point, reason) for point, reason in zip(points, reasons, strict=True) if reason)
-    return Plan(form.title, measurable, blocked, form.samples, form.direction, source)
+    return Plan(form.title, measurable, blocked, form.samples, form.direction, source, form.record)
 
 
 def _require_parts(form: PlanForm, source: str) -> None:

@@ -8,6 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from instrument.events import Polarization
 from instrument.forms import Form
+from instrument.run_record import RunRecord
 
 Direction = Literal["unidirectional", "serpentine"]
 #: What a grid runs through, the last one fastest; a part may say another ``order``.
@@ -142,6 +143,8 @@ class PlanForm(Form):
         How many times the whole plan is measured, from its first point to its last.
     duplicates
         ``repeat``: a point that stands again in the plan is meant to be measured again.
+    record
+        Who measures which sample against which standard; the command line has the last word.
     angle_unit
         May only be ``degree``; a plan that says so is never suspected of holding radians.
     part
@@ -156,6 +159,7 @@ class PlanForm(Form):
     direction: Direction = "unidirectional"
     repeats: Repeats = 1
     duplicates: Literal["refuse", "repeat"] = "refuse"
+    record: RunRecord = RunRecord()
     angle_unit: Literal["degree"] | None = None
     grid: tuple[Grid, ...] | None = None
     part: tuple[Part, ...] | None = None

@@ -75,6 +75,15 @@ class StateRecord(_Record):
     reason: str = ""
 
 
+class AmendmentRecord(_Record):
+    """``kind`` amendment: what the run says of operator, sample and standard from now on, and why."""
+
+    time: datetime
+    by: str
+    reason: str
+    changes: dict[str, str]
+
+
 class NoteRecord(_Record):
     """``kind`` note: anything else a person should find later."""
 
@@ -89,4 +98,5 @@ RECORDS: dict[str, type[_Record]] = {
     "skipped": SkippedRecord,
     "state": StateRecord,
     "note": NoteRecord,
+    "amendment": AmendmentRecord,
 }

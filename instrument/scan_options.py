@@ -8,6 +8,7 @@ from typing import Any
 from instrument.errors import InputError
 
 #: What a resumed run brings along.
+_RECORD = ("operator", "sample", "reference_standard", "project", "remarks")
 _OF_THE_RUN = ("plan", "facility", "artifact", "material", "corrections", "out")
 
 
@@ -35,6 +36,11 @@ def check_options(given: Mapping[str, Any]) -> None:
         for option in _OF_THE_RUN:
             if option in named:
                 raise InputError(f"--resume goes on with the {option} of the run; leave it out")
+        for option in _RECORD:
+            if option in named:
+                raise InputError(
+                    f"--{option.replace('_', '-')}: stands in the record of the run; goniotwin runs amend amends it"
+                )
         return
     if not {"simulate", "devices"} & named:
         raise InputError(
