@@ -16,6 +16,7 @@ from instrument.request import FACILITY_NAME, PLAN_NAME
 from instrument.run_build import run_of_journal
 from instrument.run_folder import RUN_NAME
 from instrument.run_read import read_run
+from instrument.run_record import current_record
 
 #: Derived values may differ by rounding when another machine computes them again.
 _ROUNDING = 1e-9
@@ -41,6 +42,8 @@ class Overview:
     measured: int = 0
     skipped: int = 0
     outcome: str = ""
+    sample: str = ""
+    operator: str = ""
     problem: str = ""
 
     def as_dict(self) -> dict[str, Any]:
@@ -71,7 +74,8 @@ def overview(folder: Path) -> Overview:
         content = read_journal(folder)
     except InputError as error:
         return Overview(folder, problem=str(error))
-    ended = [record for record in content.others if record["kind"] == "ended"]
+    record = current_record(content)
+    ended = [line for line in content.others if line["kind"] == "ended"]
     return Overview(
         folder,
         created=content.header["created"],
@@ -80,6 +84,8 @@ def overview(folder: Path) -> Overview:
         measured=len(content.points),
         skipped=len(content.skipped),
         outcome=str(ended[-1].get("outcome", "")) if ended else "interrupted",
+        sample=record.sample,
+        operator=record.operator,
     )
 
 

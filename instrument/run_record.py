@@ -95,6 +95,25 @@ def current_record(content: JournalContent) -> RunRecord:
     return amended(first_record(content.header), amendments(content))
 
 
+def history(content: JournalContent) -> list[dict[str, str]]:
+    """Every word that was ever amended, oldest first: when, by whom, why, which field, before and after."""
+    record, rows = first_record(content.header), []
+    for amendment in amendments(content):
+        for name, text in amendment.changes.items():
+            rows.append(
+                {
+                    "time": amendment.time.isoformat(),
+                    "by": amendment.by,
+                    "reason": amendment.reason,
+                    "field": name,
+                    "before": getattr(record, name),
+                    "after": text,
+                }
+            )
+        record = amended(record, [amendment])
+    return rows
+
+
 def record_attributes(content: JournalContent) -> dict[str, str]:
     """Global attributes of a run file: what holds now, and its history as JSON where there is one."""
     history = amendments(content)

@@ -19,6 +19,7 @@ from instrument.records import SkippedRecord
 from instrument.run_archive import Overview, Verification, overview
 from instrument.run_folder import RUN_NAME
 from instrument.run_read import capabilities, read_run
+from instrument.run_record import FIELDS, current_record, history
 from instrument.run_schema import FLAG_MASKS
 
 _FLAGS = dict(zip(("saturated", "overload", "shadowed", "repeated"), FLAG_MASKS, strict=True))
@@ -26,15 +27,14 @@ _FLAGS = dict(zip(("saturated", "overload", "shadowed", "repeated"), FLAG_MASKS,
 
 def overview_table(rows: Sequence[Overview]) -> Table:
     """One row a run."""
-    table = Table("run", "started (UTC)", "title", "points", "skipped", "outcome")
+    table = Table("run", "started (UTC)", "title", "sample", "operator", "points", "skipped", "outcome")
     for row in rows:
         if row.problem:
-            table.add_row(row.folder.name, "", "", "", "", f"[red]{escape(row.problem)}[/red]")
+            table.add_row(row.folder.name, *[""] * 6, f"[red]{escape(row.problem)}[/red]")
         else:
             points = f"{row.measured} of {row.planned}"
-            table.add_row(
-                row.folder.name, row.created[:19], escape(row.title), points, str(row.skipped or ""), row.outcome
-            )
+            words = (escape(text) for text in (row.title, row.sample, row.operator))
+            table.add_row(row.folder.name, row.created[:19], *words, points, str(row.skipped or ""), row.outcome)
     return table
 
 
@@ -64,6 +64,8 @@ def run_summary(path: Path) -> dict[str, Any]:
     if path.is_dir():
         content = read_journal(path)
         summary |= overview(path).as_dict()
+        summary["record"] = current_record(content).said()
+        summary["record_history"] = history(content)
         summary["references"] = len(content.references)
         summary["skipped_points"] = list(content.skipped.values())
         summary["notes"] = [record["text"] for record in content.others if record["kind"] == "note"]
@@ -121,6 +123,7 @@ def print_run(summary: dict[str, Any], console: Console) -> None:
             f"started {summary['created']}, {summary['outcome']}; {summary['measured']} of {summary['planned']} points,"
             f" {summary['references']} reference readings"
         )
+        print_record(summary, console)
         for record in summary["skipped_points"]:
             skipped = SkippedRecord.model_validate(record)
             console.print(f"  skipped: point {skipped.index}, {describe(skipped.geometry)}: {escape(skipped.reason)}")
@@ -142,3 +145,16 @@ def print_run(summary: dict[str, Any], console: Console) -> None:
             console.print(f"flagged {name}: {number} of {summary['points']} points")
     for sentence in summary["cannot"]:
         console.print(f"- {sentence}")
+
+
+def print_record(summary: dict[str, Any], console: Console) -> None:
+    """Write who measured what, and how that was amended, of a summary of :func:`run_summary`."""
+    for name in FIELDS:
+        if name in summary["record"]:
+            console.print(f"  {name.replace('_', ' ')}: {escape(summary['record'][name])}")
+    for change in summary["record_history"]:
+        before = escape(change["before"]) or "nothing"
+        console.print(
+            f"  amended {change['time'][:19]} by {escape(change['by'])}: {change['field'].replace('_', ' ')},"
+            f" was {before}, is {escape(change['after']) or 'nothing'} ({escape(change['reason'])})"
+        )

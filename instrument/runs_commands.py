@@ -1,4 +1,4 @@
-"""``goniotwin runs list | show | verify``: the records of earlier scans."""
+"""``goniotwin runs list | show | verify | amend``: the records of earlier scans."""
 
 from __future__ import annotations
 
@@ -61,3 +61,42 @@ def verify(
         write_json(json_file, result.as_dict())
     if not result.passed:
         raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def amend(
+    folder: Annotated[Path, typer.Argument(help="A run folder.", show_default=False)],
+    by: Annotated[str, typer.Option(help="Who amends.", show_default=False)],
+    because: Annotated[str, typer.Option(help="Why.", show_default=False)],
+    operator: Annotated[str | None, typer.Option(help="Who measured.")] = None,
+    sample: Annotated[str | None, typer.Option(help="Which sample.")] = None,
+    reference_standard: Annotated[str | None, typer.Option(help="Which reference standard.")] = None,
+    project: Annotated[str | None, typer.Option(help="What for.")] = None,
+    remarks: Annotated[str | None, typer.Option(help="Anything else.")] = None,
+    json_file: Json = None,
+) -> None:
+    """Amend what a run says of operator, sample and standard; what was written before is kept, and shown with it."""
+    from rich.console import Console
+
+    from instrument.amending import amend as amend_run
+    from instrument.errors import InputError
+    from instrument.output import write_json
+    from instrument.run_report import print_record, run_summary
+
+    said = {
+        "operator": operator,
+        "sample": sample,
+        "reference_standard": reference_standard,
+        "project": project,
+        "remarks": remarks,
+    }
+    changes = {name: text for name, text in said.items() if text is not None}
+    if not changes:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in said)
+        raise InputError(f"nothing to amend; expected at least one of {options}")
+    console = Console(highlight=False)
+    if amend_run(folder, changes, by=by, reason=because) is None:
+        console.print("The record says so already; nothing was written.")
+    summary = run_summary(folder)
+    print_record(summary, console)
+    if json_file is not None:
+        write_json(json_file, {name: summary[name] for name in ("record", "record_history")})

@@ -7,8 +7,9 @@ from typing import Any
 
 from instrument.errors import InputError
 
-#: What a resumed run brings along.
+#: What stands in the record of a run.
 _RECORD = ("operator", "sample", "reference_standard", "project", "remarks")
+#: What a resumed run brings along.
 _OF_THE_RUN = ("plan", "facility", "artifact", "material", "corrections", "out")
 
 
