@@ -31,7 +31,7 @@ from twin.state_vector import StateVector, state_vector_from_files
 
 _LOG = logging.getLogger(__name__)
 #: Counts up when the computation changes: what older programs kept is not used then.
-_VERSION = 3
+_VERSION = 4
 #: Relative standard error of the uncertainty to reach at the median point.
 TOLERANCE = 0.1
 _SEED = 1

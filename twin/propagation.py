@@ -19,7 +19,7 @@ from instrument.angles import FloatArray
 from twin.cluster import spread
 from twin.propagation_designs import ROWS, STEP, Design, designs
 from twin.propagation_render import Evaluation, PlanRenderer
-from twin.propagation_result import Propagation, relative_error, squares, variance_error
+from twin.propagation_result import Propagation, jackknife_error, left_out, relative_error, squares, variance_error
 
 __all__ = ["DRAW_SAMPLES", "Progress", "Propagation", "by_draws", "by_sensitivities", "evaluate", "squares"]
 
@@ -180,8 +180,8 @@ def by_draws(
     shift = rendered.mean(axis=0) - nominal
     deviations = (rendered - rendered.mean(axis=0)) / np.sqrt(draws - 1)
     variance, noise = squares(deviations)
-    # Of a variance from so many draws, and of the tracer's noise in each.
-    error = np.sqrt(2 / (draws - 1)) * (np.maximum(variance, 0) + noise)
+    # Of a variance from so many draws, and of the tracer's noise, of which all draws have a part in common.
+    error = np.hypot(np.sqrt(2 / (draws - 1)) * np.maximum(variance, 0), variance_error(deviations))
     return Propagation(
         {"all inputs": variance},
         deviations.mean(axis=-1).T,
@@ -263,8 +263,9 @@ def _tracing_error(found: dict[int, _Found]) -> FloatArray:
     """Relative standard error of the combined uncertainty by the ray tracer's noise, shape (point,)."""
     if not found:
         return np.zeros(0)
-    error2 = sum(variance_error(f.counted) ** 2 for f in found.values())
-    return relative_error(np.sqrt(error2), np.asarray(sum(squares(f.counted)[0] for f in found.values())))
+    counted = [f.counted for f in found.values()]
+    error = jackknife_error(np.asarray(sum(map(left_out, counted))))
+    return relative_error(error, np.asarray(sum(squares(effects)[0] for effects in counted)))
 
 
 def _collect(
@@ -272,7 +273,7 @@ def _collect(
 ) -> Propagation:
     state, points = renderer.state, renderer.points
     variance = {source: np.zeros(points) for source in state.sources}
-    noise, error2, shift = np.zeros(points), np.zeros(points), np.zeros(points)
+    noise, aliased, shift = np.zeros(points), np.zeros(points), np.zeros(points)
     factors, scatter, sources = [np.zeros((points, 0))], [np.zeros((points, 0))], []
     sensitivity, errors, curvature, units = {}, {}, {}, {}
     unit_of = {label: block.unit for block in state.blocks for label in block.labels}
@@ -281,7 +282,7 @@ def _collect(
         own, own_noise = squares(effects)
         variance[design.source] += own
         noise += own_noise
-        error2 += variance_error(effects) ** 2 + (design.aliasing * np.maximum(own, 0)) ** 2
+        aliased += (design.aliasing * np.maximum(own, 0)) ** 2
         factors.append(effects.mean(axis=-1).T)
         scatter.append(effects.std(axis=-1, ddof=1).T / np.sqrt(effects.shape[-1]))
         sources += [design.source] * len(effects)
@@ -297,7 +298,7 @@ def _collect(
         variance,
         np.concatenate(factors, axis=1),
         noise,
-        relative_error(np.sqrt(error2), total),
+        np.hypot(_tracing_error(found) if found else 0.0, relative_error(np.sqrt(aliased), total)),
         shift,
         brf,
         sensitivity,

@@ -117,11 +117,37 @@ def squares(effects: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(np.sum(mean**2, axis=0) - noise), noise
 
 
+def left_out(effects: FloatArray) -> FloatArray:
+    """The variance of :func:`squares` without one randomisation after the other, shape (randomisation, point).
+
+    Parameters
+    ----------
+    effects, shape (component, point, randomisation)
+    """
+    count = effects.shape[-1]
+    total, square = effects.sum(axis=-1, keepdims=True), np.sum(effects**2, axis=-1, keepdims=True)
+    others = (total - effects) ** 2 - (square - effects**2)
+    return np.asarray(np.sum(others, axis=0).T / ((count - 1) * (count - 2)))
+
+
+def jackknife_error(without: FloatArray) -> FloatArray:
+    """Standard error of an estimate by the ray tracer's noise, shape (point,).
+
+    Whatever part of the noise the components have in common counts fully, because leaving a randomisation out changes
+    all of them together.
+
+    Parameters
+    ----------
+    without, shape (randomisation, point)
+        The estimate without one randomisation after the other.
+    """
+    count = len(without)
+    return np.asarray(np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0)))
+
+
 def variance_error(effects: FloatArray) -> FloatArray:
     """Standard error of the variance of :func:`squares` by the ray tracer's noise, shape (point,)."""
-    single = effects.var(axis=-1, ddof=1) / effects.shape[-1]
-    tracing = np.sum(4 * np.maximum(effects.mean(axis=-1) ** 2 - single, 0) * single + 2 * single**2, axis=0)
-    return np.asarray(np.sqrt(tracing))
+    return jackknife_error(left_out(effects))
 
 
 def relative_error(error: FloatArray, variance: FloatArray) -> FloatArray:
