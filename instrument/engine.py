@@ -43,6 +43,7 @@ from instrument.station import Station, each
 
 log = logging.getLogger(__name__)
 S = State
+References = list[tuple[int, Geometry]]
 Outcome = Literal["finished", "aborted", "halted", "faulted"]
 #: Through which state a scan goes to its final one, and the outcome's name.
 _ENDS: dict[Outcome, tuple[State | None, State]] = {
@@ -74,6 +75,7 @@ class ScanEngine:
         self._progress = Progress(len(job.plan), job.previous.points if job.previous else ())
         self._begun: set[int] = set()
         self._failures = 0
+        self._calibrated = job.clock.now()
         self._laboratory: Laboratory | None = None
         self._station: Station | None = None
         self._ended = threading.Event()
@@ -155,9 +157,13 @@ class ScanEngine:
         self._report.to(S.HOMING)
         for axis in (*station.laboratory.axes(), *station.laboratory.stages()):
             attendance.attended(S.HOMING, partial(station.mover.home, axis))
-        self._calibrate(station, attendance)
+        self._calibrate(station, attendance, self._job.missing_references())
         for index in self._progress.missing():
+            if self._job.reference_due(self._calibrated):
+                self._calibrate(station, attendance, self._job.references(), repeated=True)
             self._attempt_point(station, attendance, index)
+        if self._job.facility.reference.repeat_minutes > 0:
+            self._read_references(station, attendance, self._job.references(), repeated=True)
 
     def _preflight(self, station: Station) -> None:
         """Everything that can be known to be wrong is found here, before anything moves.
@@ -190,15 +196,25 @@ class ScanEngine:
         moves = sum(len(legs) for legs in checked.routes)
         return checked.moving_time + moves * settings.motion.poll + len(checked.routes) * settings.dwell
 
-    def _calibrate(self, station: Station, attendance: Attendance) -> None:
+    def _calibrate(
+        self, station: Station, attendance: Attendance, to_read: References, *, repeated: bool = False
+    ) -> None:
         """Read the reference, then have the sample put on the stage."""
-        to_read = self._job.missing_references()
-        if to_read:
-            self._mount("reference", station, attendance)
-            self._report.to(S.REFERENCING)
-            for index, geometry in to_read:
-                attendance.attended(S.REFERENCING, partial(self._read_reference, station, index, geometry))
+        self._read_references(station, attendance, to_read, repeated=repeated)
         self._mount("sample", station, attendance)
+
+    def _read_references(
+        self, station: Station, attendance: Attendance, to_read: References, *, repeated: bool
+    ) -> None:
+        """Have the reference put on the stage and read it; nothing where nothing is to be read."""
+        self._calibrated = self._report.now()
+        if not to_read:
+            self._calibrated -= self._job.reference_age()
+            return
+        self._mount("reference", station, attendance)
+        self._report.to(S.REFERENCING, "repeated on schedule" if repeated else "")
+        for index, geometry in to_read:
+            attendance.attended(S.REFERENCING, partial(self._read_reference, station, index, geometry, repeated))
 
     def _mount(self, what: Mounted, station: Station, attendance: Attendance) -> None:
         """Let hands at the stage: arms at rest, shutter closed, source off unless told otherwise."""
@@ -214,9 +230,11 @@ class ScanEngine:
         attendance.attended(S.MOUNTING, mount)
         attendance.attended(S.MOUNTING, attendance.light_up)
 
-    def _read_reference(self, station: Station, index: int, geometry: Geometry) -> None:
+    def _read_reference(self, station: Station, index: int, geometry: Geometry, repeated: bool) -> None:
         station.go(geometry)
         burst, record = station.read(self._job.plan.samples)
+        if repeated:
+            record["repeated"] = True
         self._report.record("reference", index=index, geometry=geometry, **record)
         self._evaluator.add_reference(index, geometry, record)
         self._report.publish(

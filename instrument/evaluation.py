@@ -13,6 +13,7 @@ from instrument.errors import InputError
 from instrument.events import Geometry
 from instrument.facility import Facility
 from instrument.quality.slopes import ANGLES, AngleTerm, Slope, angle_terms
+from instrument.reference_standard import at_wavelength
 
 
 class Evaluator:
@@ -50,7 +51,7 @@ class Evaluator:
         dark = record.get("dark_signal")
         reading = photocurrent([record["signal"]], [record["dark"]], [record["gain"]], None if not dark else [dark])
         brf = self._per_ampere[geometry] * float(reading.current[0])
-        budget = self._facility.budget
+        budget = at_wavelength(self._facility, geometry.wavelength).budget
         found = {row: brf * share for row, share in self._flux_terms[geometry].items()}
         if budget.measurement_noise == "samples":
             found["measurement_noise"] = brf * float(reading.standard_error[0] / reading.current[0])
@@ -70,7 +71,7 @@ class Evaluator:
         points = [point for point in self._points if _light(point) == light]
         one_ampere = Photocurrent(np.ones(len(points)), np.zeros(len(points)))
         calibrated = brf_from_readings(
-            self._facility,
+            at_wavelength(self._facility, light[0]),
             [point.illumination_zenith for point in points],
             [point.sensor_zenith for point in points],
             [point.sensor_azimuth for point in points],

@@ -72,6 +72,11 @@ class ScanJob:
         taken = [datetime.fromisoformat(record["time"]) for record in self._last_calibration().values()]
         return self.clock.now() - min(taken) if taken else timedelta(0)
 
+    def reference_due(self, begun: datetime) -> bool:
+        """Whether the reference is to be repeated, so long after the last time it was begun."""
+        minutes = self.facility.reference.repeat_minutes
+        return minutes > 0 and self.clock.now() - begun >= timedelta(minutes=minutes)
+
     def _last_calibration(self) -> dict[int, dict[str, Any]]:
         records = self.previous.references if self.previous else ()
         numbers = calibration_numbers(record["index"] for record in records)

@@ -1,16 +1,16 @@
 """The reference standard and its certificate: who it is, until when it holds, and what it reflects.
 
-``facility.toml`` names the certificate (``reference.certificate``); a run folder holds it inside its own ``facility.toml``.
-Form and meaning: ``docs/calibration.md``.
+``facility.toml`` names the certificate (``reference.certificate``); a run folder holds it inside a ``facility.toml`` of
+its own. Form and meaning: ``docs/calibration.md``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from instrument.facility import Facility
 
 Positive = Annotated[float, Field(gt=0)]
+#: Where the header of a journal keeps what an operator accepted of a certificate.
+ACCEPTED = "reference_objections"
 #: Two angles of the same geometry may differ by so much, degree.
 SAME_ANGLE = 0.05
 
@@ -182,3 +184,16 @@ def at_wavelength(facility: Facility, wavelength: float) -> Facility:
     reference = known.model_copy(update={"reflectance_factor": factor.value, "u_relative": factor.u_relative})
     budget = facility.budget.model_copy(update={"reference_material": factor.u_relative})
     return facility.model_copy(update={"reference": reference, "budget": budget})
+
+
+def described_reference(header: Mapping[str, Any], standard: ReferenceStandard | None) -> dict[str, str]:
+    """Global attributes of a run file that say which standard it was scaled with, and what was amiss with it."""
+    if standard is None:
+        return {}
+    attributes = {
+        "reference_standard": standard.identity,
+        "reference_certificate": " ".join(filter(None, (standard.issuer, standard.number))),
+        "reference_valid_until": str(standard.valid_until),
+        "reference_objections": "; ".join(header.get(ACCEPTED, ())),
+    }
+    return {name: value for name, value in attributes.items() if value}

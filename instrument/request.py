@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -17,6 +17,7 @@ from instrument.facility import UNKNOWN_FACILITY, Arms, Facility, read_facility
 from instrument.journal import JournalContent, read_journal
 from instrument.laboratories import Inputs
 from instrument.plan import Plan, describe, read_plan
+from instrument.run_record import RunRecord
 from instrument.safety import Pose
 from instrument.scan_options import check_options
 
@@ -33,6 +34,8 @@ class ScanRequest(BaseModel):
 
     Attributes
     ----------
+    record
+        Who measures which sample against which standard; words of the plan stand in for what is not said.
     plan, facility, artifact, material
         Files; with ``simulate`` the laboratory's own examples stand in for what is not given. Without it plan and
         facility are needed; artifact and material serve the twin.
@@ -46,6 +49,8 @@ class ScanRequest(BaseModel):
         The run folder; ``runs/<UTC time>-<plan>`` by default. Must not hold a run already.
     twin
         False leaves out every observer.
+    accept_reference
+        Go on with a reference whose certificate has expired or does not cover the plan; recorded in the run.
     resume
         Run folder of an interrupted scan: go on with it. Excludes plan, facility, artifact, material and out; the
         laboratory is the one the run began with unless another is named.
@@ -63,7 +68,9 @@ class ScanRequest(BaseModel):
     corrections: Path | None = None
     out: Path | None = None
     twin: bool = True
+    accept_reference: bool = False
     resume: Path | None = None
+    record: RunRecord = RunRecord()
 
 
 #: Stands in until the laboratory has said what its arms can do: whatever is wrong with a plan beside that is said at
@@ -100,6 +107,7 @@ class GivenInputs:
     simulate: Simulation | None
     resumed: JournalContent | None = None
     corrections: Path | None = None
+    record: RunRecord = field(default_factory=RunRecord)
 
     def filled(self, examples: Inputs) -> GivenInputs:
         """With the laboratory's own files where none were given."""
@@ -127,6 +135,7 @@ class ScanInputs:
     simulate: Simulation | None
     resumed: JournalContent | None
     corrections: Path | None = None
+    record: RunRecord = field(default_factory=RunRecord)
 
 
 def inputs_of(request: ScanRequest) -> GivenInputs:
@@ -160,6 +169,7 @@ def _new(request: ScanRequest) -> GivenInputs:
         request.devices,
         simulate,
         corrections=request.corrections,
+        record=request.record,
     )
 
 
@@ -224,6 +234,7 @@ def complete(given: GivenInputs) -> ScanInputs:
         simulate=given.simulate,
         resumed=given.resumed,
         corrections=given.corrections,
+        record=given.record.over(plan.record),
     )
 
 
@@ -251,6 +262,7 @@ def header_of(inputs: ScanInputs, created: datetime) -> dict[str, Any]:
         "scan_direction": inputs.plan.direction,
         "points": len(inputs.plan),
         "software_version": version("goniotwin"),
+        "record": inputs.record.said(),
         "laboratory": {"simulate": True, "speed": simulate.speed, "seed": simulate.seed}
         if simulate
         else {"simulate": False},

@@ -15,10 +15,12 @@ import xarray as xr
 from instrument.angles import FloatArray
 from instrument.budget import COMPONENTS, combined, point_budget
 from instrument.calibration import standard_error
+from instrument.drift import COMPONENT as DRIFT
 from instrument.errors import InputError
 from instrument.facility import Facility
 from instrument.quality.coverage import PROBABILITY, coverage_factor, effective_degrees_of_freedom
 from instrument.quality.slopes import ANGLES, AngleTerm, Slope, angle_terms
+from instrument.reference_standard import at_wavelength
 
 #: Forms of the rows that ``facility.toml`` says nothing of; of instrument stability nobody knows how a day's
 #: remounting correlates over the points of a scan.
@@ -53,14 +55,17 @@ def add_budget(dataset: xr.Dataset, facility: Facility, slopes: Mapping[str, Slo
         found["measurement_noise"] = _sample_noise(dataset)
     brf, illumination, sensor = (dataset[n].values for n in ("brf", "illumination_zenith", "sensor_zenith"))
     components = point_budget(facility.budget, illumination, sensor, brf, found)
+    components["u_brf_reference"] = _reference_material(dataset, facility, components["u_brf_reference"])
     for row, name in COMPONENTS.items():
         dataset[name] = ("point", components[name], _attributes(facility, row))
         if row in terms:
-            _say_slope(dataset, name, terms[row])
+            say_slope(dataset, name, terms[row])
     if noise:
         components[REFERENCE_NOISE] = _reference_noise(dataset, found["measurement_noise"])
         dataset[REFERENCE_NOISE] = ("point", components[REFERENCE_NOISE], _of_reference(dataset))
         dataset["u_brf_noise"].attrs |= {"source": "standard error of the samples"}
+    if DRIFT in dataset:
+        components[DRIFT] = dataset[DRIFT].values
     dataset["brf"].attrs["unc_comps"] = list(components)
     dataset["u_brf"] = ("point", combined(components))
     add_coverage(dataset)
@@ -117,10 +122,10 @@ def _attributes(facility: Facility, row: str) -> dict[str, Any]:
     }
 
 
-def _say_slope(dataset: xr.Dataset, name: str, term: AngleTerm) -> None:
-    """An error of the angle raises some points and lowers others: the signs make the correlation."""
+def say_slope(dataset: xr.Dataset, name: str, term: AngleTerm, whose: str = "") -> None:
+    """Say where an angle's component comes from; its error raises some points and lowers others: the correlation."""
     attributes = dataset[name].attrs
-    attributes["source"] = term.source
+    attributes["source"] = whose + term.source
     opposite = np.any(term.signed < 0) and np.any(term.signed > 0)
     if attributes.get("err_corr_1_form") != "systematic" or not opposite:
         return
@@ -156,6 +161,15 @@ def _reference_noise(dataset: xr.Dataset, noise: FloatArray) -> FloatArray:
     """What the scatter of the reference readings adds: common to all points of a calibration."""
     both = dataset["brf_standard_error"].values
     return np.asarray(np.sqrt(np.maximum(both**2 - noise**2, 0.0)))
+
+
+def _reference_material(dataset: xr.Dataset, facility: Facility, stated: FloatArray) -> FloatArray:
+    """What the certificate of the reference says at each wavelength; the budget's row where there is none."""
+    if facility.reference.standard is None:
+        return stated
+    wavelengths, inverse = np.unique(dataset["wavelength"].values, return_inverse=True)
+    relative = np.array([at_wavelength(facility, float(nm)).reference.u_relative for nm in wavelengths])
+    return np.asarray(relative[inverse] * np.abs(dataset["brf"].values))
 
 
 def _of_reference(dataset: xr.Dataset) -> dict[str, Any]:

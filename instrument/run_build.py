@@ -12,13 +12,16 @@ import xarray as xr
 
 from instrument.angles import FloatArray
 from instrument.calibration import Photocurrent, brf_from_readings, calibration_numbers, photocurrent
+from instrument.drift import correct_drift
 from instrument.errors import InputError
 from instrument.facility import Facility
 from instrument.forms import parse_form, parse_toml
 from instrument.journal import JournalContent, read_journal
 from instrument.quality.bursts import MOST, SIGNIFICANCE, outliers
+from instrument.reference_standard import at_wavelength, described_reference
 from instrument.run_axes import STAGES, channels, extra_coordinates, polarization_column
 from instrument.run_budget import add_budget
+from instrument.run_record import record_attributes
 from instrument.run_schema import RUN
 from instrument.run_write import described
 
@@ -67,6 +70,10 @@ def build_run(
     dataset["reference_set"] = ("reference", sets, {"long_name": "which calibration a reference reading belongs to"})
     used = _used_sets(rows, references, sets)
     dataset["point_reference_set"] = ("point", used, {"long_name": "calibration that the point is scaled with"})
+    repeated = np.array([bool(record.get("repeated")) for record in references], dtype=np.int8)
+    if repeated.any() or facility.reference.repeat_minutes > 0:
+        meaning = {"long_name": "1 where the reading belongs to a reference repeated on schedule"}
+        dataset["reference_repeated"] = ("reference", repeated, meaning)
     _calibrate(dataset, facility)
     _count_outliers(dataset)
     add_budget(dataset, facility)
@@ -93,9 +100,11 @@ def run_of_journal(content: JournalContent) -> xr.Dataset:
     source = f"{content.path}: header: facility"
     facility = parse_form(parse_toml(content.header["facility"], source), Facility, source)
     try:
-        return build_run(content.header, content.points, content.references, facility, journal_digest=content.digest)
+        run = build_run(content.header, content.points, content.references, facility, journal_digest=content.digest)
     except InputError as error:
         raise InputError(f"{content.path}: {error}") from None
+    run.attrs |= record_attributes(content)
+    return run
 
 
 def _column(rows: Sequence[Record], key: str) -> FloatArray:
@@ -200,8 +209,9 @@ def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
         of_set = (dataset["reference_set"].values == number) & (reference_light == channel)
         if not np.any(of_set):
             raise InputError(f"no reference reading at {names[channel]} before the points in that light")
+        known = at_wavelength(facility, float(dataset["wavelength"].values[rows][0]))
         result = brf_from_readings(
-            facility,
+            known,
             dataset["illumination_zenith"].values[rows],
             dataset["sensor_zenith"].values[rows],
             dataset["sensor_azimuth"].values[rows],
@@ -212,6 +222,8 @@ def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
         )
         brf[rows], standard_error[rows] = result.brf, result.standard_error
     dataset["brf"] = ("point", brf)
+    if "reference_repeated" in dataset:
+        correct_drift(dataset, facility, reference.current, light, reference_light)
     if np.all(np.isfinite(standard_error)):
         dataset["brf_standard_error"] = (
             "point",
@@ -253,6 +265,7 @@ def _attributes(header: Record, facility: Facility, journal_digest: str | None) 
         "facility": header["facility"],
         "software": f"goniotwin {header['software_version']}",
     }
+    attributes |= described_reference(header, facility.reference.standard)
     if journal_digest is not None:
         attributes["journal_digest"] = journal_digest
     return attributes

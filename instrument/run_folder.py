@@ -132,7 +132,7 @@ def copy_artifact(source: Path, folder: Path) -> Path:
 
 
 def copy_facility(source: Path, folder: Path) -> Path:
-    """Copy a facility with the picture of its beam, if it names one.
+    """Copy a facility with the picture of its beam, if it names one; a certificate that it names goes into the copy.
 
     Raises
     ------
@@ -141,14 +141,15 @@ def copy_facility(source: Path, folder: Path) -> Path:
     """
     read_facility(source)
     form = read_toml(source)
-    image = form["beam"].get("image")
-    if image is None:
+    moved = dict(form)
+    if (image := form["beam"].get("image")) is not None:
+        name = Path(image).name
+        copy_file(source.parent / image, folder, name)
+        moved["beam"] = form["beam"] | {"image": name}
+    if isinstance(certificate := form["reference"].get("certificate"), str):
+        moved["reference"] = form["reference"] | {"certificate": read_toml(source.parent / certificate)}
+    if moved == form:
         return copy_file(source, folder, FACILITY_NAME)
-    name = Path(image).name
-    copy_file(source.parent / image, folder, name)
-    if image == name:
-        return copy_file(source, folder, FACILITY_NAME)
-    moved = form | {"beam": form["beam"] | {"image": name}}
     return _write_new(folder / FACILITY_NAME, tomli_w.dumps(moved).encode(), str(source))
 
 

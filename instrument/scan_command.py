@@ -24,7 +24,18 @@ def scan(
     corrections: Annotated[
         Path | None, typer.Option(help="Effects that the twin includes, from goniotwin diagnose --save-twin.")
     ] = None,
+    operator: Annotated[str | None, typer.Option(help="Who measures; kept in the run's record.")] = None,
+    sample: Annotated[str | None, typer.Option(help="Which sample; kept in the run's record.")] = None,
+    reference_standard: Annotated[
+        str | None, typer.Option(help="Which reference standard; that of the facility's certificate by default.")
+    ] = None,
+    project: Annotated[str | None, typer.Option(help="What for; kept in the run's record.")] = None,
+    remarks: Annotated[str | None, typer.Option(help="Anything else; kept in the run's record.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; runs/<UTC time>-<plan> by default.")] = None,
+    accept_reference: Annotated[
+        bool,
+        typer.Option("--accept-reference", help="Use a reference whose certificate does not cover the scan; recorded."),
+    ] = False,
     no_twin: Annotated[bool, typer.Option("--no-twin", help="Measure only; nothing is predicted.")] = False,
     resume: Annotated[Path | None, typer.Option(help="Run folder of an interrupted scan to go on with.")] = None,
     json: Annotated[Path | None, typer.Option(help="Write how the scan ended to a file, for programs.")] = None,
@@ -49,12 +60,24 @@ def scan(
         "out": out,
         "resume": resume,
     }
+    record = {
+        "operator": operator,
+        "sample": sample,
+        "reference_standard": reference_standard,
+        "project": project,
+        "remarks": remarks,
+    }
     given = {name: value for name, value in options.items() if value is not None}
-    check_options(given)
+    said = {name: value for name, value in record.items() if value is not None}
+    check_options(given | said)
+    given |= {"twin": not no_twin, "accept_reference": accept_reference}
 
+    from instrument.forms import parse_form
     from instrument.request import ScanRequest
+    from instrument.run_record import RunRecord
     from instrument.scan_run import run_scan
 
-    status = run_scan(ScanRequest.model_validate(given | {"twin": not no_twin}), json)
+    words = {"record": parse_form(said, RunRecord, "scan")}
+    status = run_scan(ScanRequest.model_validate(given | words), json)
     if status:
         raise typer.Exit(status)

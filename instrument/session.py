@@ -28,6 +28,8 @@ from instrument.journal import Journal, JournalContent, read_journal
 from instrument.laboratories import StartedLaboratory, laboratory_factory
 from instrument.operators import Operator
 from instrument.plan import Plan
+from instrument.reference_check import checked_reference
+from instrument.reference_standard import ACCEPTED
 from instrument.request import ScanInputs, ScanRequest, complete, header_of, inputs_of
 from instrument.run_folder import RUN_NAME, check_free, keep_inputs, make_run_folder
 from instrument.settings import ScanSettings
@@ -76,6 +78,7 @@ class ScanSession:
         self._engine: ScanEngine | None = None
         self._audience: Audience | None = None
         self._started = False
+        self._objections: list[str] = []
 
     def subscribe(self, handler: Handler, name: str = "listener") -> Subscription:
         """Call ``handler`` with every event from the first on, on a thread of its own."""
@@ -116,6 +119,7 @@ class ScanSession:
             given = given.filled(self.laboratory.inputs)
             self._operator = self._operator or self.laboratory.operator
         inputs = complete(given)
+        self._objections = checked_reference(inputs, self.request.accept_reference, datetime.now(UTC).date())
         if self._operator is None:
             raise InputError("nobody is there to change the sample; run the scan from a terminal or the window")
         devices = read_devices(inputs.devices)
@@ -133,7 +137,7 @@ class ScanSession:
         if inputs.resumed is None:
             self.run_dir = make_run_folder(self.request.out, inputs.plan_path)
             inputs = keep_inputs(inputs, self.run_dir)
-            journal = Journal.create(self.run_dir, header_of(inputs, self._clock.now()))
+            journal = Journal.create(self.run_dir, self._header(inputs))
         else:
             self.run_dir = inputs.resumed.path.parent.resolve()
             journal = Journal.reopen(self.run_dir)
@@ -152,6 +156,10 @@ class ScanSession:
             derive=partial(derive_run, self.run_dir),
             settings=self._settings,
         )
+
+    def _header(self, inputs: ScanInputs) -> dict[str, Any]:
+        header = header_of(inputs, self._clock.now())
+        return header | ({ACCEPTED: self._objections} if self._objections else {})
 
     @property
     def observed(self) -> bool:
