@@ -234,8 +234,14 @@ def complete(given: GivenInputs) -> ScanInputs:
         simulate=given.simulate,
         resumed=given.resumed,
         corrections=given.corrections,
-        record=given.record.over(plan.record),
+        record=given.record.over(plan.record).over(_of_certificate(facility)),
     )
+
+
+def _of_certificate(facility: Facility) -> RunRecord:
+    """What the facility says of the reference standard."""
+    standard = facility.reference.standard
+    return RunRecord(reference_standard=standard.identity) if standard is not None else RunRecord()
 
 
 def _check_points(plan: Plan, resumed: JournalContent) -> None:
