@@ -50,6 +50,7 @@ class PolarMap(QWidget):
         self.theme, self.title = theme, title
         self.spots: list[Spot] = []
         self.illumination: tuple[float, float] | None = None
+        self.path = False
         self._image: QImage | None = None
         self._under = -1
         self.setMouseTracking(True)
@@ -58,15 +59,19 @@ class PolarMap(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName(title or "Polar map of the points")
 
-    def show_spots(self, spots: Sequence[Spot], illumination: tuple[float, float] | None = None) -> None:
+    def show_spots(
+        self, spots: Sequence[Spot], illumination: tuple[float, float] | None = None, *, path: bool = False
+    ) -> None:
         """Show other points.
 
         Parameters
         ----------
         illumination
             Zenith and azimuth of the incident light, degree.
+        path
+            Draw a line from point to point, in their order; blocked ones are passed over.
         """
-        self.spots, self.illumination = list(spots), illumination
+        self.spots, self.illumination, self.path = list(spots), illumination, path
         self._under = -1
         self._image = None
         self.update()
@@ -142,6 +147,10 @@ class PolarMap(QWidget):
         image.fill(Qt.GlobalColor.transparent)
         painter = self._painter(image)
         self._draw_grid(painter)
+        if self.path:
+            painter.setPen(QPen(QColor(self.theme.quiet_text), 0.9, Qt.PenStyle.DotLine))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawPolyline(QPolygonF([self.place(spot) for spot in self.spots if spot.kind != "blocked"]))
         for spot in self.spots:
             self._draw(painter, spot)
         painter.end()

@@ -77,6 +77,7 @@ def run(options: Options, screenshot: Path | None = None) -> int:
         settings = QSettings(os.devnull, QSettings.Format.IniFormat)
 
     setup = options.setup()
+    setup.use_examples()
     controllers: list[RemoteController] = []
 
     def controller(listener: Listener, plan: Path | None) -> Controller:

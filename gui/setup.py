@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ class Setup:
         An interrupted run that the next start goes on with.
     runs
         Folder whose runs are listed.
+    example_plan, example_facility
+        Those of the simulated laboratory.
     """
 
     simulate: bool = False
@@ -38,6 +41,22 @@ class Setup:
     sample: str = ""
     resume: Path | None = None
     runs: Path = Path("runs")
+    example_plan: Path | None = None
+    example_facility: Path | None = None
+
+    @property
+    def known_facility(self) -> Path | None:
+        """The facility against which a plan is checked."""
+        return self.facility or self.example_facility
+
+    def use_examples(self) -> None:
+        """Have the plan of the simulated laboratory ready where none is named."""
+        found = list(entry_points(group="goniotwin.examples", name="simulated"))
+        if not self.simulate or not found:
+            return
+        examples = found[0].load()()
+        self.example_plan, self.example_facility = examples.plan, examples.facility
+        self.plan = self.plan or examples.plan
 
     @property
     def laboratory(self) -> str:
