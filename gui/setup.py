@@ -24,6 +24,8 @@ class Setup:
         Folder whose runs are listed.
     example_plan, example_facility
         Those of the simulated laboratory.
+    unsaved
+        The plan is being edited and differs from its file.
     """
 
     simulate: bool = False
@@ -43,6 +45,7 @@ class Setup:
     runs: Path = Path("runs")
     example_plan: Path | None = None
     example_facility: Path | None = None
+    unsaved: bool = False
 
     @property
     def known_facility(self) -> Path | None:

@@ -204,9 +204,10 @@ def _style_sheet(theme: Theme) -> str:
                     border-bottom: 3px solid transparent; }}
     QTabBar::tab:selected {{ color: {theme.text}; font-weight: 600; border-bottom-color: {theme.accent}; }}
     QTabBar::tab:focus {{ border-bottom-color: {theme.text}; }}
-    QLineEdit, QComboBox, QSpinBox, QDoubleSpinBox, QPlainTextEdit {{ background: {theme.surface};
-        border: 1px solid {theme.line}; border-radius: 5px; padding: 4px 6px; }}
-    QLineEdit:focus, QComboBox:focus, QSpinBox:focus {{ border: 2px solid {theme.accent}; padding: 3px 5px; }}
+    QLineEdit, QPlainTextEdit {{ background: {theme.surface}; border: 1px solid {theme.line}; border-radius: 5px;
+                                 padding: 4px 6px; }}
+    QLineEdit:focus {{ border: 2px solid {theme.accent}; padding: 3px 5px; }}
+    QComboBox, QSpinBox {{ padding: 3px 4px; }}
     QLineEdit[wrong="true"] {{ border: 2px solid {theme.bad}; background: {theme.tone_surface["bad"]};
                                padding: 3px 5px; }}
     QLabel[role="wrong"] {{ color: {theme.bad}; }}

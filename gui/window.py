@@ -82,7 +82,7 @@ class MainWindow(QMainWindow):
         self.palette_choice = themes.remembered(settings)
         theme = themes.choose(self.palette_choice)
         self.panels: list[Panel] = [panel(self.model, theme) for panel in panels.discover()]
-        self.desk = Desk(self.model, self.setup, settings, theme, self.panels)
+        self.desk = Desk(self.model, self.setup, settings, theme, self.panels, self.bridge.on_event)
         self.pages: list[Page] = [page(self.desk) for page in pages.discover()]
         self._lay_out()
         self._make_menu()
@@ -248,6 +248,10 @@ class MainWindow(QMainWindow):
 
     def _start(self) -> None:
         if self.model.connected:
+            return
+        if self.setup.unsaved and self.setup.resume is None:
+            self.show_page("setup")
+            self.statusBar().showMessage("The plan has changed: save it (Ctrl+S), then start", 8000)
             return
         if self.setup.plan is None and self._plan_needed and self.setup.resume is None:
             self._choose_plan()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -13,17 +14,25 @@ from gui.model import Changes, ScanModel
 from gui.panels.base import Panel
 from gui.setup import Setup
 from gui.theme import Theme
+from instrument.events import Event
 
 
 @dataclass
 class Desk:
-    """What lies before the person: the scan, what is set up, what is remembered."""
+    """What lies before the person: the scan, what is set up, what is remembered.
+
+    Attributes
+    ----------
+    feed
+        Takes an event to show, from any thread; returns at once.
+    """
 
     model: ScanModel
     setup: Setup
     settings: QSettings
     theme: Theme
     panels: list[Panel] = field(default_factory=list)
+    feed: Callable[[Event], None] = field(default=lambda event: None)
 
     def in_area(self, area: str) -> list[Panel]:
         """Panels of an area, in order."""

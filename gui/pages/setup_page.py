@@ -263,6 +263,7 @@ class SetupPage(Page):
         path = self.draft.path
         name = f"{path.name}, in {path.parent}" if path else "not saved yet"
         self.where.setText(name + (" (changed)" if self._dirty else ""))
+        self.desk.setup.unsaved = self._dirty
 
     def _set(self, key: str, new: Any) -> None:
         self.draft.content[key] = new

@@ -1,0 +1,68 @@
+"""What the lists of runs show: an overview of each run folder with what else lies in it. Read on a thread."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from gui.host import NOTES_NAME
+from instrument.errors import InputError
+from instrument.run_archive import Overview, overviews
+
+REPORT_NAME, DIAGNOSIS_NAME = "diagnosis.html", "diagnosis.json"
+#: Outcomes after which a run can go on.
+RESUMABLE = ("interrupted", "aborted", "halted", "faulted")
+
+
+@dataclass(frozen=True)
+class PastRun:
+    """One run folder.
+
+    Attributes
+    ----------
+    figures
+        Pictures in it.
+    report
+        Of its diagnosis; None where there is none.
+    """
+
+    overview: Overview
+    operator: str = ""
+    sample: str = ""
+    figures: tuple[Path, ...] = ()
+    report: Path | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Where it lies."""
+        return self.overview.folder
+
+    @property
+    def resumable(self) -> bool:
+        """Whether points are missing that can still be measured."""
+        row = self.overview
+        return not row.problem and row.outcome in RESUMABLE and row.measured + row.skipped < row.planned
+
+
+def past_runs(folder: Path) -> list[PastRun]:
+    """Every run in a folder, newest first; none where there is no such folder."""
+    try:
+        rows = overviews(folder)
+    except InputError:
+        return []
+    runs = [_past(row) for row in rows]
+    return sorted(runs, key=lambda run: run.overview.created or run.folder.name, reverse=True)
+
+
+def _past(row: Overview) -> PastRun:
+    notes: dict[str, str] = {}
+    try:
+        notes = json.loads((row.folder / NOTES_NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        notes = {}
+    figures = sorted(path for path in row.folder.rglob("*.png") if "export-" not in str(path))
+    report = row.folder / REPORT_NAME
+    return PastRun(
+        row, notes.get("operator", ""), notes.get("sample", ""), tuple(figures), report if report.is_file() else None
+    )
