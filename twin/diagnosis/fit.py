@@ -43,7 +43,8 @@ class Component:
         """The same effect and prior, at some points of the run."""
         prior = self.prior.at(rows)
         nodes = replace(self.nodes, table=self.nodes.table[:, rows])
-        return Component(prior.signature, prior, nodes, Compressed.of(nodes.table))
+        compressed = replace(self.compressed, basis=self.compressed.basis[:, rows])
+        return Component(prior.signature, prior, nodes, compressed)
 
     @property
     def name(self) -> str:

@@ -224,9 +224,10 @@ def left_alone(problem: Problem, folds: Sequence[Fold]) -> float:
 
 def _gain(problem: Problem, fold: Fold) -> float:
     """Nats by which a choice predicts its group better than the nominal twin."""
-    part = problem.at(fold.rows, fold.structures)
+    block, residual = np.ix_(fold.rows, fold.rows), problem.residual[fold.rows]
+    members = [replace(problem.members[k], covariance=problem.members[k].covariance[block]) for k in fold.structures]
     with_it, without = (
-        marginal([m.log_density(part.residual - table) for m in part.members], part.members)
+        marginal([m.log_density(residual - table) for m in members], members)
         for table in (fold.table, np.zeros(len(fold.rows)))
     )
     return with_it - without

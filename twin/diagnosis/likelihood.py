@@ -75,6 +75,7 @@ class Compressed:
     ----------
     coefficients, shape (row, component)
     basis, shape (component, point)
+        Orthonormal at first; at some of the points it need not be.
     """
 
     coefficients: FloatArray
