@@ -67,7 +67,7 @@ def _faults(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     if not options.missing and not options.only:
         kept = {}
     listed = [fault for fault in faults() if not options.only or options.only in f"{fault.device}: {fault.name}"]
-    old = kept.keys() if options.missing else ()
+    old = [key for key, row in kept.items() if options.missing and not row["wrong"]]
     chosen = [fault for fault in listed if (fault.device, fault.family, fault.name) not in old]
 
     def keep(row: dict[str, Any]) -> None:
@@ -121,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--every", type=int, default=1, help="bytes between the cuts of the journal")
     parser.add_argument("--points", type=int, default=100_000, help="of the long scan")
     parser.add_argument("--folder", type=Path, default=None, help="where the runs go meanwhile")
-    parser.add_argument("--missing", action="store_true", help="faults: only those that have no result yet")
+    parser.add_argument("--missing", action="store_true", help="faults: only those without a result, or a wrong one")
     parser.add_argument("--only", default="", help="faults: only those whose 'device: name' contains this")
     parser.add_argument("--verbose", action="store_true", help="print every fault's outcome")
     return parser

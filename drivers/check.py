@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from rich.table import Table
 from rich.text import Text
 
 from drivers.clock import Clock
-from drivers.configuration import DevicesForm, PlannedDevice, make_devices
+from drivers.configuration import DeviceForm, DevicesForm, PlannedDevice, identified, make_devices
 from drivers.errors import ConfigurationError, DeviceError, DeviceFault
 from drivers.interfaces import Amplifier, Axis, Detector, Device, LightSource, Shutter, WavelengthSelector
+from drivers.misconnection import Survey
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class CheckResult:
         How it is, in words.
     problem
         Why the check failed; empty where it did not.
+    cause
+        Where the file and the wires disagree: line of the file, what was expected, what answered.
     """
 
     role: str
@@ -35,6 +38,7 @@ class CheckResult:
     identity: str = ""
     state: str = ""
     problem: str = ""
+    cause: str = ""
 
     @property
     def ok(self) -> bool:
@@ -63,24 +67,37 @@ def check_devices(form: DevicesForm, clock: Clock | None = None) -> list[CheckRe
 
     connection = make_devices(form, clock or Clock(form.clock.speed), failed)
     try:
-        return [
-            _check(role, entry.driver, entry.line, connection.devices.get(role), failures.get(role, ""))
+        results = [
+            _check(role, entry, connection.devices.get(role), failures.get(role, ""))
             for role, entry in form.devices.items()
         ]
     finally:
         connection.close()
+    survey = Survey(form)
+    # A device that has said who it is stands where the file says; what it complains of is its own affair.
+    return [_explained(result, survey) for result in results]
 
 
-def _check(role: str, driver: str, line: str, device: Device | None, problem: str) -> CheckResult:
+def _explained(result: CheckResult, survey: Survey) -> CheckResult:
+    """With the reason of a silence, and with what a device cannot know: that another one answers beside it."""
+    if not result.ok:
+        return result if result.identity else replace(result, cause=survey.explain(result.role))
+    cause = survey.crowd(result.role)
+    return replace(result, problem="another device answers at this address", cause=cause) if cause else result
+
+
+def _check(role: str, entry: DeviceForm, device: Device | None, problem: str) -> CheckResult:
+    driver, line = entry.driver, entry.line
     if device is None:
         return CheckResult(role, driver, line, problem=problem)
     identity = ""
     try:
-        identity = device.identify()
+        identity = identified(role, device, entry)
         state, fault = describe(device)
     except DeviceError as error:
         advice = f" ({error.advice})" if error.advice else ""
-        return CheckResult(role, driver, line, identity, problem=error.problem + advice)
+        known = identity or ("not said" if isinstance(error, DeviceFault) else "")
+        return CheckResult(role, driver, line, known, problem=error.problem + advice)
     return CheckResult(role, driver, line, identity, state, fault)
 
 
@@ -118,6 +135,7 @@ def table(results: list[CheckResult]) -> Table:
     for heading in ("role", "line", "identity", "state", "check"):
         shown.add_column(heading, overflow="fold")
     for result in results:
-        verdict = Text("ok", style="green") if result.ok else Text(result.problem, style="bold red")
+        words = result.cause or result.problem
+        verdict = Text("ok", style="green") if result.ok else Text(words, style="bold red")
         shown.add_row(result.role, result.line, Text(result.identity), Text(result.state), verdict)
     return shown

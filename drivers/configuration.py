@@ -6,6 +6,7 @@ The form is documented by ``docs/devices.example.toml``. A driver is found by it
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -16,10 +17,11 @@ from typing import Any, Literal, Protocol, cast
 from pydantic import BaseModel, ConfigDict, PositiveFloat
 
 from drivers.clock import Clock
-from drivers.errors import CommunicationError, ConfigurationError, DeviceError
+from drivers.errors import CommandRefused, CommunicationError, ConfigurationError, DeviceError, DeviceFault
 from drivers.forms import Form, check_form
 from drivers.interfaces import OPTIONAL_ROLES, ROLES, Device, Laboratory
 from drivers.lines import LineForm, OpenLine
+from drivers.misconnection import Survey
 
 GROUP = "goniotwin.devices"
 
@@ -42,12 +44,19 @@ class ClockForm(Form):
 
 
 class DeviceForm(BaseModel):
-    """One device: its driver, its line, and the driver's own options as further keys."""
+    """One device: its driver, its line, and the driver's own options as further keys.
+
+    Attributes
+    ----------
+    identity
+        A part of what the device says of itself (a serial number, a stage's model), where two alike could be swapped.
+    """
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     driver: str
     line: str
+    identity: str | None = None
 
     def options(self) -> dict[str, Any]:
         """The keys that belong to the driver."""
@@ -129,7 +138,29 @@ def planned(form: DevicesForm) -> list[PlannedDevice]:
     missing = [role for role in ROLES if role not in form.devices]
     if missing:
         raise ConfigurationError(f"{form.source}: devices.{missing[0]}: missing (roles without device: {missing})")
-    return [_plan(form, role, device) for role, device in form.devices.items()]
+    plans = [_plan(form, role, device) for role, device in form.devices.items()]
+    _require_apart(form, plans)
+    return plans
+
+
+def _require_apart(form: DevicesForm, plans: list[PlannedDevice]) -> None:
+    """No two devices at one address, no two lines on one port."""
+    taken: dict[tuple[str, str, str], str] = {}
+    for plan in plans:
+        for unit, part in plan.options.claims():
+            for (line, other, portion), role in taken.items():
+                if (line, other) == (plan.line, unit) and (not part or not portion or part == portion):
+                    what = f"{unit}, {part}" if part else unit
+                    raise ConfigurationError(
+                        f"{form.source}: devices.{plan.role}: {what} on line {plan.line!r} is that of"
+                        f" devices.{role} already"
+                    )
+        taken |= {(plan.line, unit, part): plan.role for unit, part in plan.options.claims()}
+    ports: dict[str, str] = {}
+    for name, wire in form.lines.items():
+        port = str(getattr(wire, "port", "")) if wire.kind in ("serial", "modbus-serial") else ""
+        if port and (first := ports.setdefault(os.path.realpath(port), name)) != name:
+            raise ConfigurationError(f"{form.source}: lines.{name}.port: {port} is that of lines.{first} already")
 
 
 def _plan(form: DevicesForm, role: str, device: DeviceForm) -> PlannedDevice:
@@ -259,7 +290,7 @@ def connect(form_or_path: DevicesForm | Path, clock: Clock | None = None) -> Lab
     connection = make_devices(form, clock or Clock(form.clock.speed))
     try:
         for role, device in connection.devices.items():
-            _identify(role, device, form)
+            _identify(role, device, form, connection)
     except BaseException:
         connection.close()
         raise
@@ -268,11 +299,33 @@ def connect(form_or_path: DevicesForm | Path, clock: Clock | None = None) -> Lab
     return Laboratory(**roles, others=others)
 
 
-def _identify(role: str, device: Device, form: DevicesForm) -> str:
+def identified(role: str, device: Device, entry: DeviceForm) -> str:
+    """What a device says of itself.
+
+    Raises
+    ------
+    CommandRefused
+        If that lacks ``identity``.
+    DeviceError
+        From the device.
+    """
+    found = device.identify()
+    if entry.identity is not None and entry.identity not in found:
+        raise CommandRefused(
+            role,
+            f"devices.{role}.identity: expected {entry.identity!r}; answered: {found}",
+            "addresses or cables may be swapped",
+        )
+    return found
+
+
+def _identify(role: str, device: Device, form: DevicesForm, connection: Connection) -> str:
     entry = form.devices[role]
     try:
-        return device.identify()
+        return identified(role, device, entry)
     except DeviceError as error:
-        raise type(error)(
-            role, f"on line {entry.line!r}, driver {entry.driver!r}: {error.problem}", error.advice
-        ) from error
+        advice = error.advice
+        if not isinstance(error, DeviceFault):  # a fault is the device's own: it is the one that was meant
+            connection.close()  # the wires have to be free for a look at who answers
+            advice = Survey(form).explain(role) or advice
+        raise type(error)(role, f"on line {entry.line!r}, driver {entry.driver!r}: {error.problem}", advice) from error

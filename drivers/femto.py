@@ -15,7 +15,7 @@ from pydantic import Field, PositiveFloat, model_validator
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceFault
 from drivers.forms import Form
-from drivers.modbus_io import Channel, ModbusIo, SlaveAddress
+from drivers.modbus_io import Channel, ModbusIo, SlaveAddress, io_claims
 from drivers.modbus_line import ModbusLine
 
 #: Code and nominal gain in V/A by model and mode.
@@ -58,6 +58,12 @@ class FemtoForm(Form):
     coupling_coil: Channel | None = None
     overload_input: Channel | None = None
     settling_time: Annotated[float, Field(ge=0, le=60)] = 0.3
+
+    def claims(self) -> list[tuple[str, str]]:
+        """The outputs of the bits and of the coupling, and the input of the overload line."""
+        coupling = [] if self.coupling_coil is None else [self.coupling_coil]
+        inputs = [] if self.overload_input is None else [self.overload_input]
+        return io_claims(self.address, [*self.coils, *coupling], inputs)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -18,6 +18,10 @@ class Form(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    def claims(self) -> list[tuple[str, str]]:
+        """What a device with these options has for itself on its line: units, and parts of them (empty: the whole)."""
+        return []
+
 
 F = TypeVar("F", bound=BaseModel)
 

@@ -97,6 +97,12 @@ class ModbusIo:
         return call()
 
 
+def io_claims(address: int, outputs: Sequence[int], inputs: Sequence[int]) -> list[tuple[str, str]]:
+    """Outputs and inputs of one module, as devices that share it claim them."""
+    parts = [f"output {channel}" for channel in outputs] + [f"input {channel}" for channel in inputs]
+    return [(f"address {address}", part) for part in parts]
+
+
 def _digits(bits: Sequence[bool]) -> str:
     return "".join("1" if bit else "0" for bit in bits)
 
@@ -120,6 +126,11 @@ class ShutterForm(Form):
     coil: Channel
     feedback_input: Channel | None = None
     travel_time: Annotated[float, Field(ge=0, le=10)] = 0.2
+
+    def claims(self) -> list[tuple[str, str]]:
+        """An output, and an input where it is wired."""
+        inputs = [] if self.feedback_input is None else [self.feedback_input]
+        return io_claims(self.address, [self.coil], inputs)
 
 
 class ModbusShutter:

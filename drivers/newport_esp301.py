@@ -54,6 +54,10 @@ class Esp301Form(ArmForm):
     units_per_degree: PositiveFloat = 1.0
     home_type: Annotated[int, Field(ge=0, le=6)] = 1
 
+    def claims(self) -> list[tuple[str, str]]:
+        """The axis."""
+        return [("the controller", f"axis {self.axis}")]
+
 
 class EspController:
     """What the axes of one controller share: the wire's step, and the queue of errors.

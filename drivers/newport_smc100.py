@@ -7,6 +7,7 @@ A move is sent once: where its fate is not clear the axis is stopped, looked at,
 
 from __future__ import annotations
 
+import re
 from typing import Annotated
 
 from pydantic import Field, PositiveFloat
@@ -51,6 +52,10 @@ class Smc100Form(ArmForm):
     address: Annotated[int, Field(ge=1, le=31)]
     units_per_degree: PositiveFloat = 1.0
 
+    def claims(self) -> list[tuple[str, str]]:
+        """The controller."""
+        return [(f"address {self.address}", "")]
+
 
 class NewportSmc100:
     """One controller with its stage. Satisfies :class:`drivers.interfaces.Axis`."""
@@ -71,10 +76,21 @@ class NewportSmc100:
         line.attach(name)
 
     def identify(self) -> str:
-        """Stage and firmware of the controller."""
-        return (
-            f"Newport SMC100, address {self._options.address}: {self._query('VE').strip()}, stage {self._query('ID?')}"
-        )
+        """Stage and firmware of the controller.
+
+        Raises
+        ------
+        CommandRefused
+            If two controllers answer: they would both move.
+        """
+        received = self._line.gather(self.name, f"{self._options.address}VE\r\n".encode("ascii"))
+        answers = re.findall(rf"^{self._options.address}VE([ -~]*)".encode(), received, re.MULTILINE)
+        if len(answers) > 1:
+            problem = f"{len(answers)} controllers answer at address {self._options.address}"
+            raise CommandRefused(self.name, problem, "give each an address of its own (SA)")
+        firmware = answers[0].decode("ascii") if answers else self._query("VE")
+        stage = self._query("ID?")
+        return f"Newport SMC100, address {self._options.address}: {firmware.strip()}, stage {stage}"
 
     def position(self) -> float:
         """Actual position, degree."""

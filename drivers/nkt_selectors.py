@@ -53,6 +53,10 @@ class SelectForm(Form):
     channel: Annotated[int, Field(ge=0, le=7)] = 0
     amplitude: Annotated[float, Field(gt=0, le=1)] = 1.0
 
+    def claims(self) -> list[tuple[str, str]]:
+        """A line of the RF driver; the SELECT itself is only watched."""
+        return [(f"address {self.address}", f"channel {self.channel}")]
+
 
 class NktSelect:
     """SuperK SELECT. Satisfies :class:`drivers.interfaces.BoundedSelector` and ``ChannelSelector``."""
@@ -167,6 +171,10 @@ class VariaForm(Form):
     bandwidth: PositiveFloat = 10.0
     neutral_density: Annotated[float, Field(ge=0, le=100)] | None = None
     move_timeout: PositiveFloat = 20.0
+
+    def claims(self) -> list[tuple[str, str]]:
+        """The module."""
+        return [(f"address {self.address}", "")]
 
 
 class NktVaria:

@@ -74,6 +74,10 @@ class SuperKForm(Form):
     reset_interlock: bool = False
     power: Annotated[float, Field(ge=0, le=1)] | None = None
 
+    def claims(self) -> list[tuple[str, str]]:
+        """The main module."""
+        return [(f"address {self.address}", "")]
+
 
 class NktSuperK:
     """The laser. Satisfies :class:`drivers.interfaces.LightSource`."""

@@ -75,6 +75,10 @@ class AzForm(ArmForm):
     zhome_bit: Annotated[int, Field(ge=0, le=15)] = 4
     stop_bit: Annotated[int, Field(ge=0, le=15)] = 5
 
+    def claims(self) -> list[tuple[str, str]]:
+        """The drive."""
+        return [(f"address {self.address}", "")]
+
 
 class OrientalAz:
     """One drive with its arm. Satisfies :class:`drivers.interfaces.Axis`."""

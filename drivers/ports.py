@@ -88,7 +88,7 @@ def open_port(form: SerialLineForm | ModbusSerialLineForm) -> serial.Serial:
 class SerialWire:
     """A serial port or pseudo-terminal."""
 
-    def __init__(self, form: SerialLineForm) -> None:
+    def __init__(self, form: SerialLineForm | ModbusSerialLineForm) -> None:
         self._form = form
         self._port: serial.Serial | None = None
 

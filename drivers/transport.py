@@ -96,6 +96,28 @@ class Line(SharedLine):
             except OSError as error:
                 raise self._lost(device, error) from error
 
+    def gather(self, device: str, request: bytes) -> bytes:
+        """Send a request and take all that comes until the wire is silent: two devices at one address both answer.
+
+        Raises
+        ------
+        CommunicationError
+            If the connection is lost.
+        """
+        with self.transaction(device):
+            self._ready(device)
+            self._suspect = True
+            try:
+                self._wire.write(request)
+                received, last = b"", time.monotonic()
+                while time.monotonic() - last < (QUIET if received else self.timeout):
+                    if piece := self._wire.read():
+                        received, last = received + piece, time.monotonic()
+            except OSError as error:
+                raise self._lost(device, error) from error
+            self._suspect = False
+            return received
+
     def send(self, device: str, request: bytes, pause: float = 0.0) -> None:
         """Send a request that has no reply, and leave ``pause`` seconds of silence behind it.
 

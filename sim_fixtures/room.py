@@ -112,6 +112,7 @@ class Room:
             "limit_switch": self._limit_switch,
             **{action: partial(self._wire, kind) for action, kind in WIRE_FAULTS.items()},
             "faults_left": lambda device, kind: self._faults(device).left(kind),
+            "baudrate": self._baudrate,
             "busy": self._busy,
             "disconnect": self._disconnect,
             "open_interlock": self._open_interlock,
@@ -142,6 +143,7 @@ class Room:
         ``merge_replies`` device, count              replies that come together with the next one
         ``stray_reply`` device, count                replies that are, by their address, another unit's
         ``faults_left`` device, kind                 how many are still to suffer
+        ``baudrate`` line, rate                      a line whose device understands one rate only (0: any)
         ``busy`` count                               telegrams that the laser answers with "busy"
         ``disconnect`` device, seconds               the plug is pulled; back after so many wall-clock seconds
         ``open_interlock``, ``close_interlock``      the door of the laser
@@ -211,6 +213,9 @@ class Room:
     def _limit_switch(self, axis: str, direction: int = 1) -> None:
         with self.bench.lock:
             self.bench.axes[self._axis(axis)].hit_limit(direction)
+
+    def _baudrate(self, line: str, rate: int) -> None:
+        self._lines[self._line(line)].baudrate = rate or None
 
     def _busy(self, count: int = 1) -> None:
         self._bus.busy = int(count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import termios
 import threading
 import time
 import tty
@@ -50,6 +51,8 @@ class SerialLine:
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
         self._receive: Callable[[bytes], None] = lambda _: None
+        #: Rate of the device; where it is given, a client at another rate and the device do not understand each other.
+        self.baudrate: int | None = None
         self._connect()
 
     def serve(self, handler: Handler) -> None:
@@ -74,7 +77,7 @@ class SerialLine:
             if self._master is None:
                 return
             with contextlib.suppress(OSError):  # the client has gone away or does not read
-                os.write(self._master, data)
+                os.write(self._master, self._garbled(data))
 
     def disconnect(self, seconds: float = 0.0) -> None:
         """Pull the plug; the line comes back under its name after so many wall-clock seconds (0: never)."""
@@ -124,9 +127,18 @@ class SerialLine:
             master = self._master
             data = _read_available(master) if master is not None else b""
             if data:
-                self._receive(data)
+                self._receive(self._garbled(data))
             elif data is None or master is None:
                 time.sleep(_IDLE)
+
+    def _garbled(self, data: bytes) -> bytes:
+        """What arrives of bytes that were sent: something else where the two ends run at different rates."""
+        if self.baudrate is None or self._master is None:
+            return data
+        # The two ends of a pseudo-terminal share their settings, so the rate that the client chose can be read here.
+        if termios.tcgetattr(self._master)[4] == getattr(termios, f"B{self.baudrate}"):
+            return data
+        return bytes((0x9D * byte + 0x3B) & 0xFF for byte in data)
 
 
 def _read_available(master: int) -> bytes | None:

@@ -161,14 +161,14 @@ def test_a_refusal_of_the_controller_is_told_in_words(converse: Converse) -> Non
 def test_a_lost_move_is_noticed_and_not_sent_again(converse: Converse) -> None:
     stopped = [tell("ST"), ask("TS", "000033"), ask("TS", "000033")]
     peer = converse(READY, *PREPARED, *command("PA70"), ask("PA?", "10"), *stopped)
-    with axis_on(peer) as axis, pytest.raises(CommunicationError, match="set-point is 10 degree instead of 70.*stopped"):
+    with axis_on(peer) as axis, pytest.raises(CommunicationError, match=r"is 10 degree instead of 70.*stopped"):
         axis.start_move(70.0)
 
 
 def test_a_move_whose_number_was_garbled_on_the_way_is_stopped_at_once(converse: Converse) -> None:
     stopped = [tell("ST"), ask("TS", "000028"), ask("TS", "000028")]
     peer = converse(READY, *PREPARED, *command("PA70"), ask("PA?", "20"), *stopped)
-    with axis_on(peer) as axis, pytest.raises(CommunicationError, match="set-point is 20 degree instead of 70.*stopped"):
+    with axis_on(peer) as axis, pytest.raises(CommunicationError, match=r"is 20 degree instead of 70.*stopped"):
         axis.start_move(70.0)
 
 
