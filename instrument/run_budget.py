@@ -63,7 +63,10 @@ def add_budget(dataset: xr.Dataset, facility: Facility, slopes: Mapping[str, Slo
     if noise:
         components[REFERENCE_NOISE] = _reference_noise(dataset, found["measurement_noise"])
         dataset[REFERENCE_NOISE] = ("point", components[REFERENCE_NOISE], _of_reference(dataset))
-        dataset["u_brf_noise"].attrs |= {"source": "standard error of the samples"}
+        dataset["u_brf_noise"].attrs |= {
+            "source": "standard error of the samples",
+            "degrees_of_freedom_variable": NOISE_FREEDOM,
+        }
     if DRIFT in dataset:
         components[DRIFT] = dataset[DRIFT].values
     dataset["brf"].attrs["unc_comps"] = list(components)
