@@ -258,3 +258,22 @@ def test_an_evaluation_does_not_depend_on_its_company(whole: StateVector) -> Non
     assert renderer.alike(values) == ([0, 3, 4], [1, 2])
     for value, expected in zip(values, together, strict=True):
         np.testing.assert_allclose(renderer.render([value], 256)[0], expected, rtol=1e-9)
+
+
+def test_no_other_value_of_an_input_compiles_anything(whole: StateVector) -> None:
+    """The plan again with another value of one kind of input after the other: kernels run, and all are known."""
+    import drjit as dr
+
+    renderer = PlanRenderer(whole, PLAN, seed=2)
+    renderer.render([whole.nominal], 64)
+    for block, place in whole.slices():
+        if block.name == "beam divergence":
+            continue  # the nominal beam is parallel: one that diverges has kernels of its own
+        value = whole.nominal.copy()
+        value[place] += 2 * block.standard_uncertainty
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            renderer.render([value], 64)
+            kernels = dr.kernel_history([dr.KernelType.JIT])
+        assert len(kernels) >= 3, block.name
+        assert all(kernel["cache_hit"] for kernel in kernels), block.name
