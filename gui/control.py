@@ -16,6 +16,7 @@ from gui.notices import ControllerClosed, ControllerFailed, ControllerStarting, 
 from instrument.errors import InputError, SafetyError
 from instrument.events import Event, Message
 from instrument.operators import Mounted
+from instrument.prompts import Prompt
 
 if TYPE_CHECKING:
     from instrument.session import ScanRequest, ScanSession
@@ -80,6 +81,22 @@ class WindowOperator:
 
     def mount(self, what: Mounted) -> None:
         """Ask the window and wait; raises KeyboardInterrupt when the person gives up."""
+        self._ask(what)
+
+    def reply(self, prompt: Prompt) -> float | str | None:
+        """Show a step and wait until it is done; raises KeyboardInterrupt when the person gives up.
+
+        Raises
+        ------
+        ValueError
+            If the prompt wants more than a confirmation: the window has no field for that.
+        """
+        if prompt.kind != "confirm":
+            raise ValueError("the window takes confirmations only; run this from a terminal")
+        self._ask(prompt)
+        return None
+
+    def _ask(self, what: Mounted | Prompt) -> None:
         self._answered.clear()
         if self._gone:
             raise KeyboardInterrupt

@@ -29,6 +29,7 @@ from instrument.events import (
     StateChanged,
 )
 from instrument.operators import Mounted
+from instrument.prompts import Prompt
 from instrument.states import FINAL, State
 
 MESSAGES_KEPT = 2000
@@ -163,7 +164,7 @@ class ScanModel:
         self.health: deque[Health] = deque(maxlen=HEALTH_KEPT)
         self.current: int | None = None
         self.last: PointMeasured | None = None
-        self.request: Mounted | None = None
+        self.request: Mounted | Prompt | None = None
         self.end: ScanEnded | None = None
 
     def take_changes(self) -> Changes:

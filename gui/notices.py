@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from instrument.operators import Mounted
+from instrument.prompts import Prompt
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,9 @@ class ControllerClosed:
 
 @dataclass(frozen=True)
 class OperatorAsked:
-    """The engine waits until a person has put something on the stage."""
+    """The engine waits until a person has put something on the stage, or has done another step."""
 
-    what: Mounted
+    what: Mounted | Prompt
 
 
 @dataclass(frozen=True)

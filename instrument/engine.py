@@ -31,7 +31,6 @@ from instrument.events import (
 from instrument.hindrances import Hindrance, LightUnstable
 from instrument.job import ScanJob
 from instrument.motion import MotionFailed
-from instrument.mounting import change_sample
 from instrument.operators import Mounted
 from instrument.preflight import preflight, require
 from instrument.progress import Progress
@@ -40,6 +39,7 @@ from instrument.run_schema import REPEATED
 from instrument.safety import CheckedPlan, Pose, check_plan
 from instrument.states import State
 from instrument.station import Station, each
+from instrument.steps import Steps
 
 log = logging.getLogger(__name__)
 S = State
@@ -71,6 +71,7 @@ class ScanEngine:
         self._job = job
         self._controls = Controls(job.clock)
         self._report = Reporter(job.clock, job.journal, bus)
+        self._steps = Steps(job.operator, self._controls, self._report, job.clock)
         self._evaluator = Evaluator(job.facility, job.plan.points)
         self._progress = Progress(len(job.plan), job.previous.points if job.previous else ())
         self._begun: set[int] = set()
@@ -223,11 +224,11 @@ class ScanEngine:
             station.rest()
             if not self._job.settings.emission_while_mounting:
                 station.light.off()
-            change_sample(self._job.operator, what, self._controls)
-            self._report.note(f"{what} on the stage")
+            self._steps.mount(what)
 
         self._report.to(S.MOUNTING, f"{what} to be put on the stage")
         attendance.attended(S.MOUNTING, mount)
+        attendance.attended(S.MOUNTING, self._steps.confirm_source)
         attendance.attended(S.MOUNTING, attendance.light_up)
 
     def _read_reference(self, station: Station, index: int, geometry: Geometry, repeated: bool) -> None:

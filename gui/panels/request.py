@@ -9,6 +9,7 @@ from gui.model import Changes, ScanModel
 from gui.panels.base import Panel
 from gui.theme import Theme
 from instrument.operators import Mounted
+from instrument.prompts import Prompt
 
 _WORDS: dict[Mounted, tuple[str, str]] = {
     "reference": (
@@ -21,6 +22,7 @@ _WORDS: dict[Mounted, tuple[str, str]] = {
     ),
 }
 
+_MOUNTED = "It lies on the stage: go on  F9"
 _CLEAR = "Stand clear before you go on: the arms will move."
 
 
@@ -37,7 +39,7 @@ class RequestPanel(Panel):
         font.setBold(True)
         self.what.setFont(font)
         self.how.setWordWrap(True)
-        self.done = QPushButton("It lies on the stage: go on  F9")
+        self.done = QPushButton(_MOUNTED)
         self.done.setShortcut("F9")
         self.done.clicked.connect(lambda: self.asked.emit("mounted"))
         self.give_up = QPushButton("End the scan…")
@@ -62,9 +64,12 @@ class RequestPanel(Panel):
         self.setVisible(request is not None)
         if request is None:
             return
-        self.what.setText(_WORDS[request][0])
-        self.how.setText(f"{_WORDS[request][1]} {_CLEAR}")
-        self.setAccessibleName(_WORDS[request][0])
+        title, text = (request.title, request.text) if isinstance(request, Prompt) else _WORDS[request]
+        self.what.setText(title)
+        self.how.setText(f"{text} {_CLEAR}")
+        self.done.setText("Done: go on  F9" if isinstance(request, Prompt) else _MOUNTED)
+        self.done.setShortcut("F9")  # a new text takes the old shortcut away
+        self.setAccessibleName(title)
         self.sign.setPixmap(marks.pixmap("hand", self.theme.hold, 40))
         self.setStyleSheet(
             f"QFrame#card {{ background: {self.theme.tone_surface['hold']}; border: 2px solid {self.theme.hold}; }}"
