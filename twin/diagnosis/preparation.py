@@ -15,12 +15,14 @@ import xarray as xr
 
 from instrument.angles import FloatArray, direction
 from instrument.artifact import read_artifact
+from instrument.errors import InputError
 from instrument.facility import read_facility
 from twin.diagnosis.acquisition import acquisition_of
 from twin.diagnosis.covariance import over_directions
 from twin.diagnosis.effects import Effect
 from twin.diagnosis.nuisance import budget_columns
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.plausible import check_plausible, flat_reflectance
 from twin.diagnosis.problem import Problem
 from twin.diagnosis.renders import RenderStore
 from twin.diagnosis.responses import Responses, responses
@@ -76,6 +78,11 @@ class Bench:
         Files of the nominal twin.
     cache
         Folder in which renderings are kept.
+
+    Raises
+    ------
+    InputError
+        For a file that is wrong, or a sample of several materials.
     """
 
     def __init__(self, inputs: Inputs, cache: Path) -> None:
@@ -83,6 +90,11 @@ class Bench:
         self.facility = read_facility(inputs.facility)
         self.artifact = read_artifact(inputs.artifact)
         self.material = read_material(inputs.material)
+        if self.material.materials > 1:
+            raise InputError(
+                f"{inputs.material}: found {self.material.materials} materials on the sample's surfaces; expected one"
+                " for all of them: responses of effects to several are not known"
+            )
         self.workbench = Workbench(self.facility, self.artifact, self.material)
         self.store = RenderStore(self.workbench, cache)
         self._predictions = PointStore(cache / "nominal", _PREDICTED)
@@ -96,10 +108,16 @@ class Bench:
         ----------
         effects
             By default the whole library.
+
+        Raises
+        ------
+        InputError
+            For a run of another sample, or in another unit.
         """
         tell = told or (lambda what, share: None)
         tell("nominal prediction", 0.0)
         nominal, u_nominal = self.nominal(run)
+        check_plausible(run, nominal, flat_reflectance(self.material, run))
         covariance = self.input_covariance(run, lambda what, share: tell(what, 0.1 + 0.3 * share))
         tell("what every effect does", 0.4)
 
