@@ -120,7 +120,7 @@ def test_a_scan_on_real_wires_leaves_a_whole_run_folder(watched: Watched, tmp_pa
         "run.nc",
     }
     run = read_run(folder / "run.nc")
-    assert run.sizes == {"point": 6, "sample": 9, "reference": 4}
+    assert run.sizes == {"point": 6, "sample": 9, "reference": 4, "dark_sample": 9, "reference_dark_sample": 9}
     assert run["sensor_zenith"].values.tolist() == [40.0, 20.0, 10.0] * 2
     assert abs(run["readback_sensor_zenith"] - run["sensor_zenith"]).max() < 0.02
     assert 0.3 < float(run["brf"].min()) <= float(run["brf"].max()) < 1.1
