@@ -141,6 +141,8 @@ class ModbusShutter:
 
     def __init__(self, name: str, line: ModbusLine, options: ShutterForm, clock: Clock) -> None:
         self.name = name
+        # What opening usually takes: with a feedback it is over before the most that is allowed.
+        self.moving_time = options.travel_time * (1.0 if options.feedback_input is None else 0.5)
         self._line, self._options, self._clock = line, options, clock
         self._io = ModbusIo(name, line, options.address)
         line.attach(name)

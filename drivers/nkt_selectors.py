@@ -165,12 +165,15 @@ class VariaForm(Form):
         Transmission setting of the neutral-density filter in percent; None leaves it alone.
     move_timeout
         Laboratory s that the filters may move.
+    change_time
+        Laboratory s that a change usually takes, for estimates of how long a scan takes.
     """
 
     address: Address = 16
     bandwidth: PositiveFloat = 10.0
     neutral_density: Annotated[float, Field(ge=0, le=100)] | None = None
     move_timeout: PositiveFloat = 20.0
+    change_time: Annotated[float, Field(ge=0)] = 1.0
 
     def claims(self) -> list[tuple[str, str]]:
         """The module."""
@@ -185,6 +188,7 @@ class NktVaria:
 
     def __init__(self, name: str, line: Line, options: VariaForm, clock: Clock) -> None:
         self.name = name
+        self.change_time = options.change_time
         self._line, self._options, self._clock = line, options, clock
         self._module = NktModule(name, line, options.address)
         line.attach(name)

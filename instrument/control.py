@@ -103,14 +103,14 @@ class Controls:
 
     def sleep(self, seconds: float, wall: float = 0.0) -> None:
         """Wait for laboratory seconds, but at least ``wall`` seconds of the wall clock; obeys like a checkpoint."""
-        duration = max(seconds / self._clock.speed, wall)
-        end = time.monotonic() + duration
+        clock = self._clock
+        end = clock.monotonic() + max(seconds, wall * clock.speed)
         while True:
             self.checkpoint()
-            left = end - time.monotonic()
+            left = end - clock.monotonic()
             if left <= 0:
                 return
-            self._wake.wait(min(left, 1.0))
+            clock.wait(self._wake, min(left, clock.speed))
 
     def rest(self) -> None:
         """Rest until someone resumes.

@@ -32,11 +32,12 @@ from instrument.hindrances import Hindrance, LightUnstable
 from instrument.job import ScanJob
 from instrument.motion import MotionFailed
 from instrument.operators import Mounted
+from instrument.outlook import outlook
 from instrument.preflight import preflight, require
 from instrument.progress import Progress
 from instrument.reporter import Reporter
 from instrument.run_schema import REPEATED
-from instrument.safety import CheckedPlan, Pose, check_plan
+from instrument.safety import Pose, check_plan
 from instrument.states import State
 from instrument.station import Station, each
 from instrument.steps import Steps
@@ -188,14 +189,9 @@ class ScanEngine:
         checked = check_plan(stops, start, station.envelope)
         station.stages.check(geometry for _, geometry in stops)
         station.light.check_range(stop.wavelength for _, stop in stops)
-        self._announce_start(self._estimate(checked))
+        self._announce_start(outlook(self._job, station, self._progress.missing(), start).duration)
         if checked.detours:
             self._report.note(f"{checked.detours} moves lead around the shadow cone")
-
-    def _estimate(self, checked: CheckedPlan) -> float:
-        settings = self._job.settings
-        moves = sum(len(legs) for legs in checked.routes)
-        return checked.moving_time + moves * settings.motion.poll + len(checked.routes) * settings.dwell
 
     def _calibrate(
         self, station: Station, attendance: Attendance, to_read: References, *, repeated: bool = False

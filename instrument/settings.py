@@ -25,6 +25,7 @@ class MotionSettings(Form):
     deadline_extra: Seconds = 2.0
     wire_wall: Seconds = 2.0  # for exchanges with the device, added to every deadline
     homing_deadline: Seconds = 180.0
+    homing: Seconds = 10.0  # what an axis is expected to take; for the estimate of the duration only
     stop_deadline: Seconds = 10.0
     stop_again: Seconds = 2.0  # still moving so long after a stop: it is told to stop again
 
@@ -76,6 +77,8 @@ class ScanSettings(Form):
         Laboratory seconds to wait before a point is tried again whose light was unstable or saturated the detector.
     reference_age
         Hours after which a resumed run measures the reference anew.
+    hands
+        What a change on the stage is expected to take; for the estimate of the duration only.
     emission_while_mounting
         Leave the source on (behind a closed shutter) while hands are at the stage.
     """
@@ -94,6 +97,7 @@ class ScanSettings(Form):
     disk_reserve: Annotated[float, Field(ge=0)] = 200.0
     recovery: Seconds = 60.0
     reference_age: Annotated[float, Field(gt=0)] = 12.0
+    hands: Seconds = 0.0
     emission_while_mounting: bool = False
     motion: MotionSettings = MotionSettings()
     acquisition: AcquisitionSettings = AcquisitionSettings()

@@ -113,26 +113,25 @@ class Stages:
         start = commanded if known and commanded is not None else found
         return one_sided(Leg(name, start, target), self._limits[name], loose=not known)
 
-    def legs(self, start: Mapping[str, float], geometry: Geometry) -> tuple[Leg, ...]:
-        """Moves of the stages towards a geometry, and through what is read there, from known angles (degree)."""
-        result: list[Leg] = []
-        for name, targets in self.targets(geometry).items():
-            here = start.get(name)
-            for target in targets:
-                first = 0.0 if here is None else here
-                result += one_sided(Leg(name, first, target), self._limits[name], loose=here is None)
-                here = target
-        return tuple(result)
 
-    def targets(self, geometry: Geometry) -> dict[str, tuple[float, ...]]:
-        """Where each stage goes for a geometry, degree, in order."""
-        targets: dict[str, tuple[float, ...]] = {}
-        if ROTATION in self._limits:
-            targets[ROTATION] = (geometry.sample_rotation,)
-        if POLARIZER in self._limits:
-            parts = parts_of(geometry.polarization)
-            targets[POLARIZER] = tuple(POLARIZER_ANGLES[part] for part in parts if part is not None)
-        return targets
+def stage_legs(
+    stands: dict[str, float], rotation: float, polarization: Polarization | None, limits: Mapping[str, AxisLimits]
+) -> list[Leg]:
+    """Moves of the stages that there are towards a rotation and a polarisation.
+
+    Parameters
+    ----------
+    stands
+        Where each stage was sent last, degree; brought up to date. One that is not in it stands at its zero.
+    """
+    wanted = {ROTATION: rotation} if ROTATION in limits else {}
+    if POLARIZER in limits and polarization is not None:
+        wanted[POLARIZER] = POLARIZER_ANGLES[polarization]
+    legs: list[Leg] = []
+    for name, target in wanted.items():
+        legs += one_sided(Leg(name, stands.get(name, 0.0), target), limits[name], loose=name not in stands)
+        stands[name] = target
+    return legs
 
 
 def _common(limits: AxisLimits, allowed: tuple[float, float]) -> tuple[float, float]:

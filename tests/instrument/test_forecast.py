@@ -1,0 +1,88 @@
+"""The estimated duration of a scan against the time that the simulated laboratory takes for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from scan_stage import FACILITY, stage
+from virtual_laboratory import VirtualLaboratory
+
+from instrument.events import ScanEnded, ScanStarted
+from instrument.facility import Facility
+from instrument.plan import PlanForm, make_plan
+from instrument.settings import ScanSettings
+
+GRID = {"wavelength": [500.0], "illumination_zenith": [0.0], "sensor_azimuth": [0.0], "sensor_zenith": [40.0, 30.0]}
+ZENITHS = {"start": 60.0, "stop": -60.0, "step": -15.0}
+
+
+def facility(**arms: object) -> Facility:
+    return FACILITY.model_copy(update={"arms": FACILITY.arms.model_copy(update=arms)})
+
+
+def durations(
+    tmp_path: Path,
+    parts: list[dict],
+    settings: ScanSettings,
+    at: Facility = FACILITY,
+    edit: dict[str, dict[str, object]] | None = None,
+    **keys: object,
+) -> tuple[float, float]:
+    """Estimated and simulated duration, s."""
+    form = PlanForm.model_validate({"version": 1, "part": [GRID | part for part in parts], **keys})
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "run").mkdir()
+    bench = VirtualLaboratory(tmp_path / "lab", at, edit)
+    try:
+        s = stage(tmp_path / "run", make_plan(form, at, "plan.toml"), bench, settings, at)  # type: ignore[arg-type]
+        end = s.run(120.0)
+        assert end.outcome == "finished", end.reason
+    finally:
+        bench.close()
+    (began,), (ended,) = s.events(ScanStarted), s.events(ScanEnded)
+    return began.duration_s, (ended.time - began.time).total_seconds()
+
+
+USUAL = ScanSettings(disk_reserve=0.0)
+BRISK = ScanSettings(disk_reserve=0.0, dwell=0.0)
+
+
+@pytest.mark.parametrize(
+    ("parts", "settings", "keys"),
+    [
+        pytest.param([{"sensor_zenith": ZENITHS, "sensor_azimuth": [0.0, 90.0]}], USUAL, {}, id="dwell"),
+        pytest.param([{"sensor_zenith": ZENITHS, "sensor_azimuth": [0.0, 90.0]}], BRISK, {}, id="moves"),
+        pytest.param(
+            [{"wavelength": [500.0, 600.0, 700.0], "order": [*list(GRID)[1:], "wavelength"]}], BRISK, {}, id="filters"
+        ),
+        pytest.param([{}], BRISK, {"samples": 100}, id="averaging"),
+        pytest.param([{"illumination_zenith": [0.0, 60.0], "repeats": 2}], BRISK, {"repeats": 2}, id="repeats"),
+    ],
+)
+def test_the_estimate_is_within_five_percent(
+    tmp_path: Path, parts: list[dict], settings: ScanSettings, keys: dict
+) -> None:
+    estimated, simulated = durations(tmp_path, parts, settings, **keys)
+    print(f"estimated {estimated:.1f} s, simulated {simulated:.1f} s, {100 * (estimated / simulated - 1):+.2f} %")
+    assert estimated == pytest.approx(simulated, rel=0.05)
+
+
+def test_approaches_from_one_side_count(tmp_path: Path) -> None:
+    edit = {"sensor_zenith": {"approach": "rising", "backlash": 3.0}}
+    parts = [{"sensor_zenith": ZENITHS, "sensor_azimuth": [90.0, 45.0]}]
+    estimated, simulated = durations(tmp_path, parts, BRISK, edit=edit)
+    assert estimated == pytest.approx(simulated, rel=0.05)
+
+
+def test_stages_count(tmp_path: Path) -> None:
+    at = facility(sample_rotation=(-180.0, 180.0), polarizer=(0.0, 90.0))
+    parts = [{"sample_rotation": [0.0, 120.0], "polarization": ["s", "mean"]}]
+    estimated, simulated = durations(tmp_path, parts, BRISK, at)
+    assert estimated == pytest.approx(simulated, rel=0.05)
+
+
+def test_repetitions_of_the_reference_count(tmp_path: Path) -> None:
+    at = FACILITY.model_copy(update={"reference": FACILITY.reference.model_copy(update={"repeat_minutes": 1.0})})
+    estimated, simulated = durations(tmp_path, [{"sensor_zenith": ZENITHS}], USUAL, at)
+    assert estimated == pytest.approx(simulated, rel=0.05)
