@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field, PrivateAttr, model_validator
 
 from instrument.beam_image import BeamImage, read_beam_image
+from instrument.files import beside
 from instrument.forms import Form, read_form
 from instrument.quality.budget_rows import Correlations, DegreesOfFreedom, FromSamples, FromSlope
 from instrument.reference_standard import ReferenceStandard
@@ -207,6 +208,40 @@ class Reference(Form):
         return self.certificate
 
 
+#: Procedures that can be wanted again after a time, by the names of their results.
+PROCEDURES = (
+    "alignment",
+    "control-sample",
+    "dark-level",
+    "gain-ratio",
+    "intersection",
+    "linearity",
+    "warm-up",
+    "wavelength",
+)
+
+
+class Calibration(Form):
+    """Which procedures are wanted how often, and how the source is treated (``docs/calibration.md``).
+
+    ``results`` is the folder of their results, seen from where the program runs. What is overdue or has failed is said
+    before a scan, and keeps it from starting where ``overdue`` is ``refuse``.
+    """
+
+    results: str = "calibrations"
+    due_days: dict[str, Positive] = Field(default_factory=dict)
+    overdue: Literal["warn", "refuse"] = "warn"
+    warm_up_minutes: NonNegative = 0.0
+    emission_while_mounting: bool = False
+
+    @model_validator(mode="after")
+    def _procedures_are_known(self) -> Calibration:
+        unknown = [name for name in self.due_days if name not in PROCEDURES]
+        if unknown:
+            raise ValueError(f"due_days: no procedure {unknown[0]!r}; expected some of {', '.join(PROCEDURES)}")
+        return self
+
+
 class Budget(Form):
     """Relative standard uncertainties of the BRF; pairs run from the best to the worst geometry.
 
@@ -238,6 +273,7 @@ class Facility(Form):
     sample: SamplePlacement
     reference: Reference
     budget: Budget
+    calibration: Calibration = Calibration()
     correlation: Correlations = Correlations()
     degrees_of_freedom: DegreesOfFreedom = DegreesOfFreedom()
 
@@ -265,11 +301,12 @@ def read_facility(path: Path) -> Facility:
     facility = read_form(path, Facility)
     certificate = facility.reference.certificate
     if isinstance(certificate, str):
-        standard = read_form(path.parent / certificate, ReferenceStandard)
+        standard = read_form(beside(path, certificate, "reference.certificate"), ReferenceStandard)
         reference = facility.reference.model_copy(update={"certificate": standard})
         facility = facility.model_copy(update={"reference": reference})
     beam = facility.beam
     if beam.image is None:
         return facility
-    picture = read_beam_image(path.parent / beam.image, beam.pixel_pitch, about_centroid=beam.image_axis == "centroid")
+    image = beside(path, beam.image, "beam.image")
+    picture = read_beam_image(image, beam.pixel_pitch, about_centroid=beam.image_axis == "centroid")
     return facility.model_copy(update={"beam": beam.with_picture(picture)})

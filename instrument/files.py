@@ -8,6 +8,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from instrument.errors import InputError
+
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
@@ -27,6 +29,35 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         part.unlink(missing_ok=True)
     sync_folder(path.parent)
+
+
+#: Marks a run folder.
+_JOURNAL = "journal.jsonl"
+
+
+def beside(path: Path, name: str, key: str) -> Path:
+    """The file that another one names, relative to it; in a run folder it has to lie in that folder.
+
+    A person names files of an instrument wherever they are. A run folder holds copies of all it needs, and may come
+    from elsewhere: a name in it that leads out would read what is none of its business.
+
+    Parameters
+    ----------
+    path
+        The file that names it.
+    key
+        Of the name, for the message.
+
+    Raises
+    ------
+    InputError
+        If the name leads out of a run folder, be it by ``..``, as an absolute path or through a link.
+    """
+    target = path.parent / name
+    home = path.parent.resolve()
+    if (home / _JOURNAL).exists() and home not in target.resolve().parents:
+        raise InputError(f"{path}: {key}: found {name!r}; expected a file in this run folder")
+    return target
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -28,6 +28,7 @@ from instrument.journal import Journal, JournalContent, read_journal
 from instrument.laboratories import StartedLaboratory, laboratory_factory
 from instrument.operators import Operator
 from instrument.plan import Plan
+from instrument.procedures.standing import with_facility
 from instrument.reference_check import checked_reference
 from instrument.reference_standard import ACCEPTED
 from instrument.request import ScanInputs, ScanRequest, complete, header_of, inputs_of
@@ -154,7 +155,7 @@ class ScanSession:
             files=ScanFiles(self.run_dir, inputs.facility_path, inputs.artifact, inputs.material),
             previous=inputs.resumed,
             derive=partial(derive_run, self.run_dir),
-            settings=self._settings,
+            settings=with_facility(self._settings, inputs.facility),
         )
 
     def _header(self, inputs: ScanInputs) -> dict[str, Any]:
