@@ -18,7 +18,7 @@ from gui.notices import Notice
 from instrument.events import Event
 
 INTERVAL_MS = 33  # about 30 updates a second
-BUDGET_S = 0.015  # of a frame; what is left over waits for the next one
+BUDGET_S = 0.008  # of a frame; what is left over waits for the next one
 
 
 class Bridge(QObject):

@@ -38,6 +38,7 @@ from instrument.states import FINAL
 #: Makes the controller of a window; it is told where events go and which plan to run (None: the laboratory's own).
 ControllerFactory = Callable[[Listener, Path | None], Controller]
 
+_LATE_MS = 100  # between two pictures of a panel that costs much
 _HELP = "Ctrl+1 … 8 pages   F5 start   F6 pause   F7 resume   F8 abort   F12 HALT"
 
 
@@ -79,6 +80,9 @@ class MainWindow(QMainWindow):
         self.model = ScanModel(score)
         self.bridge = Bridge(self.model, self)
         self.bridge.changed.connect(self._refresh)
+        self._late = QTimer(self)
+        self._late.setSingleShot(True)
+        self._late.timeout.connect(self._catch_up)
         self.palette_choice = themes.remembered(settings)
         theme = themes.choose(self.palette_choice)
         self.panels: list[Panel] = [panel(self.model, theme) for panel in panels.discover()]
@@ -317,6 +321,8 @@ class MainWindow(QMainWindow):
             page.refresh(changes)
         if changes.scan or changes.current:
             self._follow()
+        if not self._late.isActive() and any(panel.behind for panel in self.panels):
+            self._late.start(_LATE_MS)
         if changes.scan or changes.state:
             self._show_title()
             self.open_action.setEnabled(not self.model.connected)
@@ -324,6 +330,20 @@ class MainWindow(QMainWindow):
                 self._question.reject()
         if self._closing and not self.model.connected:
             self.close()
+
+    def _catch_up(self) -> None:
+        """Let one of the panels that cost much draw; the next one has to wait for the next pass of the loop."""
+        behind = [panel for panel in self.panels if panel.behind]
+        for panel in behind[:1]:
+            panel.catch_up()
+        if len(behind) > 1:
+            self._late.start(0)
+
+    def settle(self) -> None:
+        """Deliver and draw everything that has arrived, now; call in the Qt thread."""
+        self.bridge.flush()
+        for panel in self.panels:
+            panel.catch_up()
 
     def _follow(self) -> None:
         if not self.plots.follow.isChecked() and self.plots.plane in self.model.planes:

@@ -49,18 +49,27 @@ class Panel(QFrame):
             self.body.addWidget(title)
 
     def take(self, changes: Changes) -> None:
-        """Show what has changed; a panel that costs much and is not seen does so when it is shown."""
-        if not self.lazy or self.isVisible():
-            self.refresh(changes)
-        else:
+        """Show what has changed; a panel that costs much does so when it is told to :meth:`catch_up`, or is shown."""
+        if self.lazy:
             self._pending = self._pending.joined(changes)
+        else:
+            self.refresh(changes)
+
+    @property
+    def behind(self) -> bool:
+        """Whether a panel that can be seen has something to catch up with."""
+        return self._pending != Changes() and self.isVisible()
+
+    def catch_up(self) -> None:
+        """Show what has changed since the last time."""
+        if self.behind:
+            pending, self._pending = self._pending, Changes()
+            self.refresh(pending)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Catch up."""
         super().showEvent(event)
-        if self._pending != Changes():
-            pending, self._pending = self._pending, Changes()
-            self.refresh(pending)
+        self.catch_up()
 
     def refresh(self, changes: Changes) -> None:
         """Show what has changed; called in the Qt thread at most about 30 times a second."""

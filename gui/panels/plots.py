@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import ceil, floor, hypot
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from gui.curves import Band
 from gui.model import Changes, PlaneKey, Point, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.panels.legend import legend
+from gui.scores import CATEGORIES
 from gui.theme import Theme
 
 _DIFFERENCE, _SCORE = "Relative difference", "t′"
@@ -127,6 +128,7 @@ class PlotsPanel(Panel):
             plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
         self.t_plot.addItem(self.missing, ignoreBounds=True)
         self._by_hand = False
+        self._ranges: tuple[Any, ...] = ()
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
 
     def _style(self) -> None:
@@ -142,6 +144,10 @@ class PlotsPanel(Panel):
         label = {"color": theme.text, "font-size": f"{font.pointSizeF():g}pt"}
         self.brf_plot.setLabel("left", "BRF", **label)
         self._label = label
+        self._brushes = {c: pg.mkBrush(getattr(theme, c)) for c in CATEGORIES}
+        self._edge = pg.mkPen(theme.surface, width=0.8)
+        self._pens = [pg.mkPen(theme.measured, width=width) for width in (1, 3.5, 1.6)]
+        self._surface = pg.mkBrush(theme.surface)
         self._below_changed(draw=False)
         self.t_plot.setLabel("bottom", "sensor zenith (°)", **label)
         self.brf_plot.getAxis("left").enableAutoSIPrefix(False)
@@ -211,6 +217,7 @@ class PlotsPanel(Panel):
 
     def _moved_by_hand(self, *_: object) -> None:
         self._by_hand = True
+        self._ranges = ()
 
     def _draw(self) -> None:
         points = self.model.plane_points(self.plane) if self.plane is not None else []
@@ -227,7 +234,9 @@ class PlotsPanel(Panel):
             self.heading.setText("No plane to show yet")
             return
         wait = "" if any(p.brf is not None for p in points) else "   (no point measured yet)"
-        self.heading.setText(words.plane_title(self.plane).capitalize() + wait)
+        text = words.plane_title(self.plane).capitalize() + wait
+        if text != self.heading.text():
+            self.heading.setText(text)
 
     def _draw_simulated(self, points: list[Point]) -> None:
         x = [p.geometry.sensor_zenith for p in points]
@@ -239,15 +248,12 @@ class PlotsPanel(Panel):
         self.sim_line.setData(x, y)
 
     def _draw_measured(self, points: list[Point]) -> None:
-        theme = self.theme
         x = np.array([p.geometry.sensor_zenith for p in points], dtype=float)
         y = np.array([p.brf for p in points], dtype=float)
         u = np.array([p.u_brf for p in points], dtype=float)
-        self.u2.setData(x=x, y=y, height=4 * u, beam=1.2, pen=pg.mkPen(theme.measured, width=1))
-        self.u1.setData(x=x, y=y, height=2 * u, beam=0, pen=pg.mkPen(theme.measured, width=3.5))
-        self.measured.setData(
-            x=x, y=y, symbol="o", size=6.5, brush=pg.mkBrush(theme.surface), pen=pg.mkPen(theme.measured, width=1.6)
-        )
+        self.u2.setData(x=x, y=y, height=4 * u, beam=1.2, pen=self._pens[0])
+        self.u1.setData(x=x, y=y, height=2 * u, beam=0, pen=self._pens[1])
+        self.measured.setData(x=x, y=y, symbol="o", size=6.5, brush=self._surface, pen=self._pens[2])
 
     def _draw_scores(self, points: list[Point]) -> None:
         x = [p.geometry.sensor_zenith for p in points]
@@ -257,13 +263,14 @@ class PlotsPanel(Panel):
             half = [k * _percent_u(p) for p in points] if self.shows_difference else []
             band.set_data(x if half else [], [-h for h in half], half)
         categories = [p.score.category for p in points if p.score]
+        brushes, edge = self._brushes, self._edge
         self.t_points.setData(
             x=x,
             y=t,
             symbol=[marks.CATEGORY_SYMBOL[c] for c in categories],
             size=[_SIZE[c] for c in categories],
-            brush=[pg.mkBrush(getattr(self.theme, c)) for c in categories],
-            pen=[pg.mkPen(self.theme.surface, width=0.8) for c in categories],
+            brush=[brushes[c] for c in categories],
+            pen=edge,
         )
 
     def _lower(self, point: Point) -> float:
@@ -285,15 +292,21 @@ class PlotsPanel(Panel):
 
     def _set_ranges(self, points: list[Point]) -> None:
         zeniths = [p.geometry.sensor_zenith for p in points] or [-90.0, 90.0]
-        self.brf_plot.setXRange(min(zeniths) - 3, max(zeniths) + 3, padding=0)
+        across = (min(zeniths) - 3, max(zeniths) + 3)
         ends = [end for p in points for end in _extent(p)]
         low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
+        step = 0.02 * max(high - low, 1e-3)
+        low, high = floor(low / step) * step, ceil(high / step) * step  # axes that do not move with every point
         margin = max(0.06 * (high - low), 1e-4)
-        self.brf_plot.setYRange(low - margin, high + margin, padding=0)
         compared = [p for p in points if p.score is not None]
         least = max([3.5 * _percent_u(p) for p in compared] or [4.0]) if self.shows_difference else _T_SPAN
         span = max([least, *(abs(self._lower(p)) * 1.15 for p in compared)])
-        self.t_plot.setYRange(-span, span, padding=0)
+        ranges = (across, (low - margin, high + margin), span)
+        if ranges != self._ranges:  # Qt lays the axes out anew even where nothing changes
+            self._ranges = ranges
+            self.brf_plot.setXRange(*across, padding=0)
+            self.brf_plot.setYRange(*ranges[1], padding=0)
+            self.t_plot.setYRange(-span, span, padding=0)
 
     def _point_at(self, position: Any) -> None:
         """Say what there is to know of the point nearest to the pointer."""

@@ -49,4 +49,4 @@ class Stage:
         """Let events arrive and be shown."""
         for event in events:
             self.window.bridge.on_event(event)  # type: ignore[arg-type]
-        self.window.bridge.flush()
+        self.window.settle()
