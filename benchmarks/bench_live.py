@@ -6,8 +6,8 @@
     .venv/bin/python benchmarks/bench_live.py --write            # and puts the table into docs/performance.md
 
 A point is asked for as the live twin asks for it (:mod:`twin.live`): one geometry of Table IV in the example
-laboratory, in random order, without others. Its uncertainty is complete: that of the inputs has been worked out for
-the plan before and is looked up. Then the plan is predicted again with another value of one uncertain input after the
+laboratory, in random order, without others. Its uncertainty is complete: that of the inputs has been worked out
+before and is looked up. Then the plan is predicted again with another value of one uncertain input after the
 other, and the kernels that had to be compiled for that are counted.
 """
 
@@ -34,7 +34,7 @@ from twin.live import LOOK
 from twin.optics import geometry_columns
 from twin.propagation_render import PlanRenderer
 from twin.state_vector import StateVector, state_vector_from_files
-from twin.worker import KnownUncertainty, PredictionWorker
+from twin.worker import PredictionWorker
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "performance.md"
 BEGIN, END = "<!-- live: written by benchmarks/bench_live.py -->", "<!-- end of live -->"
@@ -56,23 +56,21 @@ def main() -> None:
     points = read_plan(files.plan, read_facility(files.facility)).points
     state = state_vector_from_files(files.facility, files.artifact, files.material)
     chosen = np.random.default_rng(3).permutation(len(points))[: options.points]
-    load = os.getloadavg()[0]
-    text = latency_table(files, points, chosen, known_uncertainty(state, points))
+    asked = [points[number] for number in chosen]
+    known = find_input_uncertainty(state, asked)  # some CPU seconds, unless the user's cache has it
+    text = latency_table(files, points, asked, known.u)
     text += kernel_table(state, points[:: options.every])
-    text = f"{machine()}; {load:.1f} other processes busy on average.\n\n{text}"
+    busy = os.getloadavg()[0]
+    text = (
+        f"{machine()}; while this ran, {busy:.0f} threads wanted a core on average (this program's included).\n\n{text}"
+    )
     print(text)
     if options.write:
         write(text, DOCUMENT)
 
 
-def known_uncertainty(state: StateVector, points: Sequence[Geometry]) -> KnownUncertainty:
-    """Uncertainty from the inputs, worked out now (a minute) unless the user's cache has it."""
-    known = find_input_uncertainty(state, points)
-    return KnownUncertainty(tuple(known.u.tolist()), known.contains, known.notes)
-
-
 def latency_table(
-    files: ExampleFiles, points: Sequence[Geometry], chosen: NDArray[np.int64], known: KnownUncertainty
+    files: ExampleFiles, plan: Sequence[Geometry], asked: Sequence[Geometry], u_inputs: NDArray[np.float64]
 ) -> str:
     """Wall and processor time of single points, by way of asking."""
     header = ("a live point", "wall, median / ms", "wall, 90 % / ms", "processor / ms",
@@ -80,7 +78,7 @@ def latency_table(
     lines = [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
     with PredictionWorker(files.facility, files.artifact, files.material, niceness=0) as worker:
         for words, error, sight_lines in WAYS:
-            wall, cpu, found = ask(worker, points, chosen, error, sight_lines, known)
+            wall, cpu, found = ask(worker, plan, asked, error, sight_lines, u_inputs)
             tracer, combined = 100 * found[:, 1] / found[:, 0], 100 * found[:, 2] / found[:, 0]
             lines.append(
                 f"| {words} | {1e3 * np.median(wall):.0f} | {1e3 * np.percentile(wall, 90):.0f} | {1e3 * cpu:.0f}"
@@ -91,11 +89,11 @@ def latency_table(
 
 def ask(
     worker: PredictionWorker,
-    points: Sequence[Geometry],
-    chosen: NDArray[np.int64],
+    plan: Sequence[Geometry],
+    asked: Sequence[Geometry],
     error: float,
     sight_lines: int | None,
-    known: KnownUncertainty,
+    u_inputs: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
     """Ask for points one by one.
 
@@ -108,20 +106,20 @@ def ask(
     found, shape (point, 3)
         Reflectance factor, standard error of the ray tracer, combined standard uncertainty.
     """
-    worker.predict(range(len(points)), points, error, sight_lines).result()  # the scan has seen its plan before
-    for index in chosen[:_WARM_UP]:
-        worker.predict([int(index)], [points[index]], error, sight_lines).result()
+    worker.predict(range(len(plan)), plan, error, sight_lines).result()  # the scan has seen its plan before
+    for point in asked[:_WARM_UP]:
+        worker.predict([0], [point], error, sight_lines).result()
     wall, found = [], []
     assert worker.pid is not None
     before = processor_seconds(worker.pid)
-    for index in map(int, chosen):
+    for number, point in enumerate(asked):
         began = time.perf_counter()
-        answer = worker.predict([index], [points[index]], error, sight_lines).result()
+        answer = worker.predict([number], [point], error, sight_lines).result()
         tracer = answer.u_brf_monte_carlo[0]
-        combined = math.hypot(known.u_brf_inputs[index], tracer)
+        combined = math.hypot(u_inputs[number], tracer)
         wall.append(time.perf_counter() - began)
         found.append((answer.brf[0], tracer, combined))
-    cpu = (processor_seconds(worker.pid) - before) / len(chosen)
+    cpu = (processor_seconds(worker.pid) - before) / len(asked)
     return np.array(wall), cpu, np.array(found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,6 +10,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from instrument.errors import InputError
+
+_KIND = re.compile(r"(constrained-\w+|float|int|str|bool|none|(literal|list|tuple|dict|function-\w+|nullable)\[.*\])$")
 
 
 class Form(BaseModel):
@@ -71,7 +74,8 @@ def parse_form(data: dict[str, Any], form: type[F], source: str) -> F:
 def _explain(source: str, error: ValidationError) -> str:
     lines = []
     for problem in error.errors():
-        key = ".".join(str(part) for part in problem["loc"]) or "(file)"
+        # Where a key may be of several kinds, pydantic adds the kind in words that are not in the file.
+        key = ".".join(str(part) for part in problem["loc"] if not _KIND.match(str(part))) or "(file)"
         if problem["type"] == "extra_forbidden":
             lines.append(f"{source}: {key}: unknown key (found {problem['input']!r})")
         elif problem["type"] == "missing":
