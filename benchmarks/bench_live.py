@@ -62,7 +62,7 @@ def main() -> None:
     text += kernel_table(state, points[:: options.every])
     busy = os.getloadavg()[0]
     text = (
-        f"{machine()}; while this ran, {busy:.0f} threads wanted a core on average (this program's included).\n\n{text}"
+        f"{machine()}; while this ran, {busy:.0f} threads wanted a core on average, its own included.\n\n{text}"
     )
     print(text)
     if options.write:
