@@ -16,6 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from our_run import write_example
+
 from sim_fixtures.laboratory import start_simulated
 
 HERE = Path(__file__).resolve().parent
@@ -36,6 +38,7 @@ ON_OUR_SIMULATORS = [
     ("modbus_clients.py", "minimalmodbus"),
 ]
 OUR_DRIVERS = [("our_drivers.py", name) for name in ("pyvisa-sim", "pymodbus-socket", "pymodbus-rtu", "pyModbusTCP")]
+ON_OUR_FILES = ["obsarray_run.py"]
 SPEED, TIMEOUT = 20.0, 400.0
 
 
@@ -87,6 +90,7 @@ def write(content: dict[str, Any]) -> None:
     lines = [f"Run on {content['date']}.", ""]
     lines += table("Their programs on our simulators", content["on_our_simulators"])
     lines += table("Our drivers on their simulators", content["our_drivers"])
+    lines += table("Their programs on our files", content["on_our_files"])
     text = PAGE.read_text(encoding="utf-8")
     head, tail = text.split(BEGIN)[0], text.split(END)[1]
     PAGE.write_text(f"{head}{BEGIN}\n" + "\n".join(lines) + f"{END}{tail}", encoding="utf-8")
@@ -101,9 +105,12 @@ def main() -> int:
     ):
         endpoints = laboratory.endpoints["ports"] | {"meter": laboratory.endpoints["meter"]}
         ours = [judge(interpreter, script, argument, endpoints) for script, argument in ON_OUR_SIMULATORS]
+        run = str(write_example(Path(folder) / "run.nc"))
+        files = [judge(interpreter, script, run, {}) for script in ON_OUR_FILES]
     theirs = [judge(interpreter, script, argument, {}) for script, argument in OUR_DRIVERS]
-    write({"date": datetime.now(UTC).date().isoformat(), "on_our_simulators": ours, "our_drivers": theirs})
-    return int(any(not check["ok"] for verdict in ours + theirs for check in verdict["checks"]))
+    found = {"on_our_simulators": ours, "our_drivers": theirs, "on_our_files": files}
+    write({"date": datetime.now(UTC).date().isoformat()} | found)
+    return int(any(not check["ok"] for verdict in ours + theirs + files for check in verdict["checks"]))
 
 
 if __name__ == "__main__":
