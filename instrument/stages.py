@@ -47,44 +47,8 @@ class Stages:
         self._commanded: dict[str, float] = {}
 
     def check(self, points: Iterable[Geometry]) -> None:
-        """Refuse what no stage is there for, or none can reach.
-
-        Raises
-        ------
-        InputError
-            Naming the stage, and what would have to be configured.
-        """
-        wanted: dict[str, set[float]] = {ROTATION: set(), POLARIZER: set()}
-        unsaid = False
-        for point in points:
-            wanted[ROTATION].add(point.sample_rotation)
-            unsaid |= point.polarization is None
-            wanted[POLARIZER] |= {POLARIZER_ANGLES[part] for part in parts_of(point.polarization) if part is not None}
-        if unsaid and POLARIZER in self._limits:
-            raise InputError(
-                "devices: polarizer: found, but the facility has none: nobody knows with which polarisation to measure;"
-                " expected arms.polarizer in facility.toml"
-            )
-        for name, angles in wanted.items():
-            needed = angles if name == POLARIZER else angles - {0.0}
-            if needed and name not in self._limits:
-                raise InputError(
-                    f"plan: asks for {name} {max(needed):g}, but devices.toml connects no such device;"
-                    f" expected a table [devices.{name}]"
-                )
-            if name in self._limits:
-                for angle in sorted(angles):
-                    self._check_angle(name, angle)
-
-    def _check_angle(self, name: str, angle: float) -> None:
-        limits, allowed = self._limits[name], getattr(self._arms, name)
-        low, high = (limits.lower, limits.upper) if allowed is None else _common(limits, allowed)
-        for value in (angle, beyond_target(angle, limits)):
-            if not low <= value <= high:
-                first = "" if value == angle else f" (it would go to {value:g} first, to come from the right side)"
-                raise InputError(
-                    f"plan: {name}: found {angle:g} degrees, beyond the stage; expected {low:g} to {high:g}{first}"
-                )
+        """Refuse what no stage is there for, or none can reach; errors as :func:`check_stages`."""
+        check_stages(points, self._limits, self._arms)
 
     def go(self, geometry: Geometry) -> None:
         """Turn the sample, and the polariser to the first of what is to be read; errors as those of an arm."""
@@ -112,6 +76,51 @@ class Stages:
         known = commanded is not None and abs(found - commanded) <= self._tolerance[name]
         start = commanded if known and commanded is not None else found
         return one_sided(Leg(name, start, target), self._limits[name], loose=not known)
+
+
+def check_stages(points: Iterable[Geometry], limits: Mapping[str, AxisLimits], arms: Arms) -> None:
+    """Refuse what no stage is there for, or none can reach.
+
+    Parameters
+    ----------
+    limits
+        Of every stage that is connected (of arms too, which are not looked at).
+
+    Raises
+    ------
+    InputError
+        Naming the stage, and what would have to be configured.
+    """
+    wanted: dict[str, set[float]] = {ROTATION: set(), POLARIZER: set()}
+    unsaid = False
+    for point in points:
+        wanted[ROTATION].add(point.sample_rotation)
+        unsaid |= point.polarization is None
+        wanted[POLARIZER] |= {POLARIZER_ANGLES[part] for part in parts_of(point.polarization) if part is not None}
+    if unsaid and POLARIZER in limits:
+        raise InputError(
+            "devices: polarizer: found, but the facility has none: nobody knows with which polarisation to measure;"
+            " expected arms.polarizer in facility.toml"
+        )
+    for name, angles in wanted.items():
+        needed = angles if name == POLARIZER else angles - {0.0}
+        if needed and name not in limits:
+            raise InputError(
+                f"plan: asks for {name} {max(needed):g}, but devices.toml connects no such device;"
+                f" expected a table [devices.{name}]"
+            )
+        for angle in sorted(angles) if name in limits else ():
+            _check_angle(name, angle, limits[name], getattr(arms, name))
+
+
+def _check_angle(name: str, angle: float, limits: AxisLimits, allowed: tuple[float, float] | None) -> None:
+    low, high = (limits.lower, limits.upper) if allowed is None else _common(limits, allowed)
+    for value in (angle, beyond_target(angle, limits)):
+        if not low <= value <= high:
+            first = "" if value == angle else f" (it would go to {value:g} first, to come from the right side)"
+            raise InputError(
+                f"plan: {name}: found {angle:g} degrees, beyond the stage; expected {low:g} to {high:g}{first}"
+            )
 
 
 def stage_legs(

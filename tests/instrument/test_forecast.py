@@ -11,10 +11,10 @@ from virtual_laboratory import VirtualLaboratory
 from instrument.events import ScanEnded, ScanStarted
 from instrument.facility import Facility
 from instrument.plan import PlanForm, make_plan
-from instrument.settings import ScanSettings
+from instrument.settings import MotionSettings, ScanSettings
 
 GRID = {"wavelength": [500.0], "illumination_zenith": [0.0], "sensor_azimuth": [0.0], "sensor_zenith": [40.0, 30.0]}
-ZENITHS = {"start": 60.0, "stop": -60.0, "step": -15.0}
+ZENITHS = {"start": 60.0, "stop": -60.0, "step": -40.0}
 
 
 def facility(**arms: object) -> Facility:
@@ -44,33 +44,31 @@ def durations(
     return began.duration_s, (ended.time - began.time).total_seconds()
 
 
-USUAL = ScanSettings(disk_reserve=0.0)
-BRISK = ScanSettings(disk_reserve=0.0, dwell=0.0)
+#: Fewer looks at moving arms than usual: each is a question on a wire.
+MOTION = MotionSettings(poll=0.4)
+USUAL = ScanSettings(disk_reserve=0.0, motion=MOTION)
+BRISK = ScanSettings(disk_reserve=0.0, dwell=0.0, motion=MOTION)
 
 
 @pytest.mark.parametrize(
     ("parts", "settings", "keys"),
     [
-        pytest.param([{"sensor_zenith": ZENITHS, "sensor_azimuth": [0.0, 90.0]}], USUAL, {}, id="dwell"),
+        pytest.param([{"sensor_zenith": ZENITHS, "sensor_azimuth": [90.0]}], USUAL, {}, id="dwell"),
         pytest.param([{"sensor_zenith": ZENITHS, "sensor_azimuth": [0.0, 90.0]}], BRISK, {}, id="moves"),
-        pytest.param(
-            [{"wavelength": [500.0, 600.0, 700.0], "order": [*list(GRID)[1:], "wavelength"]}], BRISK, {}, id="filters"
-        ),
+        pytest.param([{"wavelength": [500.0, 600.0]}], BRISK, {}, id="filters"),
         pytest.param([{}], BRISK, {"samples": 100}, id="averaging"),
-        pytest.param([{"illumination_zenith": [0.0, 60.0], "repeats": 2}], BRISK, {"repeats": 2}, id="repeats"),
     ],
 )
 def test_the_estimate_is_within_five_percent(
     tmp_path: Path, parts: list[dict], settings: ScanSettings, keys: dict
 ) -> None:
     estimated, simulated = durations(tmp_path, parts, settings, **keys)
-    print(f"estimated {estimated:.1f} s, simulated {simulated:.1f} s, {100 * (estimated / simulated - 1):+.2f} %")
     assert estimated == pytest.approx(simulated, rel=0.05)
 
 
 def test_approaches_from_one_side_count(tmp_path: Path) -> None:
     edit = {"sensor_zenith": {"approach": "rising", "backlash": 3.0}}
-    parts = [{"sensor_zenith": ZENITHS, "sensor_azimuth": [90.0, 45.0]}]
+    parts = [{"sensor_zenith": ZENITHS, "sensor_azimuth": [90.0]}]
     estimated, simulated = durations(tmp_path, parts, BRISK, edit=edit)
     assert estimated == pytest.approx(simulated, rel=0.05)
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from importlib.metadata import entry_points
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -241,3 +242,42 @@ def test_command_modules_import_nothing_heavy() -> None:
         "sys.exit(any(name in sys.modules for name in ('numpy', 'xarray', 'pydantic', 'rich.table', 'h5py')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+
+
+def test_the_plan_says_ways_and_when_each_point_is_measured(tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN)
+    output = run("plan", tmp_path / "plan.toml", "--points", "--json", tmp_path / "p.json").output
+    assert "[sensor zenith 60 > 30]" in output
+    summary = json.loads((tmp_path / "p.json").read_text())
+    steps = [step for step in summary["steps"] if step["kind"] == "point"]
+    assert [step["index"] for step in steps] == [0, 1, 2, 3]
+    assert steps[1]["moves"] == [["sensor_zenith", 60.0, 30.0]]
+    assert all(a["end_s"] == b["begin_s"] for a, b in pairwise(steps))
+    assert steps[-1]["end_s"] <= summary["duration_s"]
+
+
+def test_the_devices_say_how_long_moves_and_readings_take(tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN)
+    example = (EXAMPLES.parents[1] / "docs" / "devices.example.toml").read_text()
+    (tmp_path / "slow.toml").write_text(example.replace("nplc = 1.0", "nplc = 100.0"))
+    seconds = {}
+    for name, file in (
+        ("quick", EXAMPLES.parents[1] / "docs" / "devices.example.toml"),
+        ("slow", tmp_path / "slow.toml"),
+    ):
+        run("plan", tmp_path / "plan.toml", "--devices", file, "--dwell", 0, "--json", tmp_path / "p.json")
+        seconds[name] = json.loads((tmp_path / "p.json").read_text())["duration_s"]
+    # 18 samples of 99 periods of 20 ms more, twice that with auto-zero, in 8 readings and one at another gain.
+    assert seconds["slow"] - seconds["quick"] == pytest.approx(99 * 0.02 * 2 * (8 * 18 + 9), rel=1e-6)
+    assert "leave them out" in run("plan", tmp_path / "plan.toml", "--devices", "x", "--velocity", 5, expected=2).output
+
+
+def test_a_plan_that_no_stage_can_follow_is_refused(tmp_path: Path) -> None:
+    facility = (EXAMPLES / "facility.toml").read_text().replace("[arms]", "[arms]\npolarizer = [0.0, 90.0]", 1)
+    (tmp_path / "facility.toml").write_text(facility)
+    (tmp_path / "plan.toml").write_text(PLAN)
+    example = EXAMPLES.parents[1] / "docs" / "devices.example.toml"
+    named = ("--facility", tmp_path / "facility.toml")
+    assert "polarisation" in run("plan", tmp_path / "plan.toml", *named).output
+    output = run("plan", tmp_path / "plan.toml", *named, "--devices", example, expected=2).output
+    assert "devices.toml connects no such device" in output
