@@ -234,6 +234,10 @@ class Calibration(Form):
     warm_up_minutes: NonNegative = 0.0
     emission_while_mounting: bool = False
 
+    def __hash__(self) -> int:
+        """A facility is a key of what has been computed for it; a dictionary cannot be part of one."""
+        return hash((self.results, self.overdue, *sorted(self.due_days.items())))
+
     @model_validator(mode="after")
     def _procedures_are_known(self) -> Calibration:
         unknown = [name for name in self.due_days if name not in PROCEDURES]

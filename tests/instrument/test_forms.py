@@ -190,3 +190,13 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
     assert path.read_bytes() == b"two"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
     assert path.stat().st_mode & 0o077 == 0o644 & 0o077
+
+
+def test_like_facilities_have_the_same_hash(tmp_path: Path) -> None:
+    """What is computed for a facility is kept under it."""
+    path = tmp_path / "facility.toml"
+    path.write_text(FACILITY)
+    known, again = read_facility(path), read_facility(path)
+    wanted = known.calibration.model_copy(update={"due_days": {"dark-level": 1.0}})
+    assert hash(known) == hash(again)
+    assert len({known, again, known.model_copy(update={"calibration": wanted})}) == 2
