@@ -10,7 +10,6 @@ geometries that share it share them, in each randomisation others.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,21 +17,20 @@ from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.kernel_math import cosine_hemisphere, larger, smaller
+from twin.light_places import BINS, LEVEL_RATE, NUMBERS, SIDE_RATE, Favours, NearestOpening, Places, Pool
 from twin.paths import Meeting, Paths, Share
-from twin.plate import NEIGHBOURS, Plate, nearest_openings, neighbours
+from twin.plate import Plate, nearest_openings, neighbours
 from twin.plate_sight import PlateLane
 from twin.sequence import Points
 
 #: Places kept of one path: the first of them always, and one of the later ones at random for all those.
 KEPT = 4
-#: Numbers of a kept place: position, direction to where the light came from, flux.
-_NUMBERS = 7
 _PER_BOUNCE, _BOUNCE_DIMENSION = 4, 2
-#: Shares of the joints to places under the opening nearest to the sight line's end, and under those around it.
-_OWN, _AROUND = 0.45, 0.35
-_JOINT_DIMENSION, _PER_JOINT = 4, 5
-#: How often faces near the end of a sight line are looked for.
-_LOOK_NEAR = 0.1
+#: Share of the joints to places anywhere.
+_ANYWHERE = 0.1
+_JOINT_DIMENSION, _LEFT_OUT_DIMENSION, _PER_LOOK = 4, 6, 4
+#: Faces near the end are looked for at one in so many sight lines.
+_LOOK_NEAR = 16
 #: Bound of the factor of form: that of places this part of an opening's radius apart, face to face.
 _NEAREST = 0.5
 #: Above this cosine a face looks up, below its negative down.
@@ -51,13 +49,14 @@ class LightPaths:
         index, number, reach = neighbours(plate)
         self._half = plate.half
         self._openings = len(plate.radius)
-        self._neighbour = mi.UInt32(index.ravel())
-        # An entry more than openings: Dr.Jit compiles arrays of one entry differently.
-        self._number = mi.UInt32(np.append(number, np.uint32(0)))
-        self._grid = _Grid(mi, dr, plate, self._map)
+        self._grid = NearestOpening(mi, dr, plate, self._map)
         x, y = plate.centre.T
         nearest = _NEAREST * float(np.median(plate.radius))
         self._near, self._bound = dr.opaque(mi.Float, nearest), dr.opaque(mi.Float, 1 / nearest**2)
+        self._favours = Favours(plate, index, number)
+        self._bins = mi.UInt32(self._favours.bins().ravel())
+        self._fade_level = dr.opaque(mi.Float, self._favours.fade_level)
+        self._fade_side = dr.opaque(mi.Float, self._favours.fade_side)
         self._x, self._y, self._far = (mi.Float(np.append(column, 0.0)) for column in (x, y, reach))
 
     def move(self, plate: Plate, faces: FloatArray) -> None:
@@ -82,7 +81,7 @@ class LightPaths:
         mi, dr = self._mi, self._dr
         lanes = dr.width(index)
         lane = dr.arange(mi.UInt32, lanes)
-        places, faces = dr.zeros(mi.Float, lanes * KEPT * _NUMBERS), dr.zeros(mi.UInt32, lanes * KEPT)
+        places, faces = dr.zeros(mi.Float, lanes * KEPT * NUMBERS), dr.zeros(mi.UInt32, lanes * KEPT)
         origin, heading, flux = sensor.light_ray(index, seeds, True)
         state = (flux > 0, dr.zeros(mi.UInt32, lanes), origin, heading, flux)
 
@@ -95,7 +94,7 @@ class LightPaths:
             keep = alive & (lot * later < 1.0)
             slot = lane * KEPT + dr.minimum(depth, KEPT - 1)
             for k, value in enumerate((*met.place, *met.towards, flux)):
-                dr.scatter(places, value, slot * _NUMBERS + k, keep)
+                dr.scatter(places, value, slot * NUMBERS + k, keep)
             dr.scatter(faces, met.face, slot, keep)
             heading = mi.Frame3f(met.normal).to_world(cosine_hemisphere(mi, dr, u, v))
             factor = dr.pi * self._paths.lookup.between(met.table, met.normal, heading, met.towards, alive)
@@ -106,7 +105,7 @@ class LightPaths:
 
         _, depth, *_ = dr.while_loop(state, lambda alive, *_: alive, step, label="light")
         dr.eval(places, faces, depth)  # at once, or the loop would run twice
-        kept = np.array(places).reshape(lanes, KEPT, _NUMBERS)
+        kept = np.array(places).reshape(lanes, KEPT, NUMBERS)
         kept[:, -1, -1] *= np.maximum(np.array(depth).astype(float) - (KEPT - 1), 0.0)
         return kept, np.array(faces).reshape(lanes, KEPT)
 
@@ -119,7 +118,7 @@ class LightPaths:
             From :meth:`follow`, as many paths for each cell, one cell after the other.
         """
         each = len(places) // cells
-        flat, face = places.reshape(-1, _NUMBERS), faces.ravel()
+        flat, face = places.reshape(-1, NUMBERS), faces.ravel()
         full = np.flatnonzero(flat[:, -1] > 0)
         cell = full // (each * KEPT)
         grid, size = self._map
@@ -138,14 +137,13 @@ class LightPaths:
 
     def pool(self, places: Sequence[Places], blocks: range, block: int, randomisations: int) -> Pool:
         """Places for the kernel: of several illuminations, each with all its blocks of sight lines."""
-        return Pool(self._mi, self._dr, places, self._openings, blocks, block, randomisations)
+        return Pool(self._mi, self._dr, places, self._openings, blocks, block, randomisations, self._favours)
 
     def joined(self, sensor: PlateLane, seeds: Any, share: Share, pool: Pool, group: Any, randomisation: Any) -> Any:
         """Sum over a lane's sight lines of the light that is reflected at least twice.
 
-        One turn of the loop joins the end of a sight line to a place. What the bound of the factor of form leaves out
-        is made up for by looking for faces near the end and joining those (Kollig and Keller, "Illumination in the
-        presence of weak singularities", 2004).
+        The end of every sight line is joined to a place. What the bound of the factor of form leaves out, little, is
+        made up for at some of the sight lines (:meth:`_left_out`).
 
         Parameters
         ----------
@@ -153,8 +151,33 @@ class LightPaths:
             Illumination in the pool and randomisation of each lane.
         """
         mi, dr = self._mi, self._dr
+
+        def step(begun: Any, total: Any) -> tuple[Any, Any]:
+            active = begun < share.count
+            index = share.index(mi, dr, begun, active)
+            origin, heading, weight = sensor.sight_line(index, seeds, active)
+            end = self._paths.meet(sensor, origin, heading, weight > 0)
+            alive = end.found & ~end.exposed
+            u, v = (self._points.coordinate(index, _JOINT_DIMENSION + k, seeds, alive) for k in range(2))
+            cell = pool.cell(group, index, randomisation)
+            return begun + 1, total + mi.Float64(weight * self._joint(sensor, end, pool, cell, u, v, alive))
+
+        lanes = dr.width(share.start)
+        state = (dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float64, lanes))
+        total = dr.while_loop(state, lambda begun, _: begun < share.count, step, label="joined")[-1]
+        return total + self._left_out(sensor, seeds, share, pool, group, randomisation)
+
+    def _left_out(self, sensor: PlateLane, seeds: Any, share: Share, pool: Pool, group: Any, randomisation: Any) -> Any:
+        """What the bound of the factor of form leaves out of :meth:`joined`, from one in some of its sight lines.
+
+        Faces near the end of the sight line are looked for, and joined in their turn (Kollig and Keller, "Illumination
+        in the presence of weak singularities", 2004). One turn of the loop is one ray.
+        """
+        mi, dr = self._mi, self._dr
         lanes = dr.width(share.start)
         number = dr.zeros(mi.UInt32, lanes)
+        apart = dr.select(share.count > _LOOK_NEAR, mi.UInt32(_LOOK_NEAR), share.count)
+        turns = share.count // apart
         state = (
             number,  # sight lines begun
             dr.zeros(mi.Bool, lanes),  # near faces are being looked for
@@ -168,7 +191,7 @@ class LightPaths:
         )
 
         def going(begun: Any, near: Any, *_: Any) -> Any:
-            return near | (begun < share.count)
+            return near | (begun < turns)
 
         def step(
             begun: Any,
@@ -181,12 +204,12 @@ class LightPaths:
             weight: Any,
             total: Any,
         ) -> tuple[Any, ...]:
-            fresh = ~near & (begun < share.count)
-            index = dr.select(fresh, share.index(mi, dr, begun, fresh), index)
+            fresh = ~near & (begun < turns)
+            index = dr.select(fresh, share.index(mi, dr, begun * apart, fresh), index)
             begun, depth = dr.select(fresh, begun + 1, begun), dr.select(fresh, 0, depth)
             new_origin, new_heading, new_weight = sensor.sight_line(index, seeds, fresh)
             origin, heading = dr.select(fresh, new_origin, origin), dr.select(fresh, new_heading, heading)
-            weight = dr.select(fresh, new_weight, weight)
+            weight = dr.select(fresh, new_weight * mi.Float(apart), weight)
 
             reach = dr.select(fresh, mi.Float(dr.inf), self._near)
             end = self._paths.meet(sensor, origin, heading, (near | fresh) & (weight > 0), reach)
@@ -196,65 +219,65 @@ class LightPaths:
             other = dr.dot(end.normal, end.towards)
             left_out = larger(dr, 1.0 - self._bound * gap / larger(dr, cosine * other, 1e-12), 0.0)
             weight = dr.select(near, weight * left_out, weight)
-            alive &= weight > 0
-            again = alive & near
-            total += mi.Float64(
-                dr.select(again, weight * self._paths.lit(sensor, end, index, depth, seeds, again), 0.0)
-            )
-
-            dimension = _JOINT_DIMENSION + depth * _PER_JOINT
-            u, v, a, b, w = (self._points.coordinate(index, dimension + k, seeds, alive) for k in range(_PER_JOINT))
-            cell = pool.cell(group, index, randomisation)
-            total += mi.Float64(weight * self._joint(sensor, end, pool, cell, u, v, alive))
+            again = alive & near & (weight > 0)
+            lit = self._paths.lit(sensor, end, index, depth, seeds, again)
+            dimension = _LEFT_OUT_DIMENSION + depth * _PER_LOOK
+            a, b, u, v = (self._points.coordinate(index, dimension + k, seeds, alive) for k in range(_PER_LOOK))
+            joint = self._joint(sensor, end, pool, pool.cell(group, index, randomisation), u, v, again)
+            total += mi.Float64(dr.select(again, weight * (lit + joint), 0.0))
 
             local = cosine_hemisphere(mi, dr, a, b)
             heading = mi.Frame3f(end.normal).to_world(local)
-            near = alive & (w < _LOOK_NEAR)
-            factor = self._paths.lookup.between(end.table, end.normal, end.towards, heading, near)
-            weight *= factor * (dr.pi / _LOOK_NEAR)
+            near = alive & (weight > 0)
+            weight *= dr.pi * self._paths.lookup.between(end.table, end.normal, end.towards, heading, near)
             return begun, near, index, depth + 1, end.place, heading, local.z, weight, total
 
-        return dr.while_loop(state, going, step, label="joined")[-1]
+        return dr.while_loop(state, going, step, label="left out")[-1]
 
     def _joint(self, sensor: PlateLane, end: Meeting, pool: Pool, cell: Any, u: Any, v: Any, active: Any) -> Any:
         """Radiance along a sight line by joining its end to one place of the pool."""
         mi, dr = self._mi, self._dr
-        opening = self._grid.at(end.place, active)
-        number = dr.gather(mi.UInt32, self._number, opening, active)
-        around = dr.select(number > 0, mi.Float(_AROUND), 0.0)
-        is_own, is_around = u < _OWN, (u >= _OWN) & (u < _OWN + around)
-        step = smaller(dr, (u - _OWN) / _AROUND, 1.0 - 2.0**-24) * mi.Float(number)
-        beside = dr.gather(
-            mi.UInt32, self._neighbour, opening * NEIGHBOURS + mi.UInt32(larger(dr, step, 0.0)), active & is_around
-        )
-        near = is_own | is_around
-        # A face that looks up hardly sees one that looks up, a wall one that looks down: those only by chance.
-        skip, take = dr.select(end.normal.z > _LEVEL, mi.UInt32(1), 0), mi.UInt32(2)
         base = cell * pool.openings
-        bin_start = (base + dr.select(is_own, opening, beside)) * 3 + skip
-        low = dr.select(near, pool.start(bin_start, active), pool.start(base * 3, active))
-        high = dr.select(near, pool.start(bin_start + take, active), pool.start((base + pool.openings) * 3, active))
+        opening = self._grid.at(end.place, active)
+        up, down = end.normal.z > _LEVEL, end.normal.z < -_LEVEL
+        facing = dr.select(up, mi.UInt32(0), dr.select(down, mi.UInt32(2), 1))
+        row = (base + opening) * 3 + facing
+        found, whole = pool.favoured(row, u * (1.0 / (1.0 - _ANYWHERE)), active)
+        share = dr.select(whole > 0.0, mi.Float(1.0 - _ANYWHERE), 0.0)
+        near = u < share
+        which = dr.gather(mi.UInt32, self._bins, opening * BINS + found, active)
+        start = (base + which) * 3 + (found & 1) + dr.select(up, mi.UInt32(1), 0)
+        first, last = pool.start(base * 3, active), pool.start((base + pool.openings) * 3, active)
+        low = dr.select(near, pool.start(start, active), first)
+        high = dr.select(near, pool.start(start + 1, active), last)
         active = active & (high > low)  # in place it would change the caller's
         place = low + dr.minimum(mi.UInt32(v * mi.Float(high - low)), dr.select(active, high - low - 1, 0))
         position, towards, flux, face, its = pool.place(place, active)
-        # The density of the choice, at the place chosen.
-        its_bin = (base + its) * 3 + skip
-        first, last = pool.start(its_bin, active), pool.start(its_bin + take, active)
-        among = mi.Float(last - first)
-        favoured = (place >= first) & (place < last)
-        x, y, own_x, own_y = (
-            dr.gather(mi.Float, array, which, active) for which in (its, opening) for array in (self._x, self._y)
-        )
-        reach = dr.gather(mi.Float, self._far, opening, active)
-        close = (x - own_x) * (x - own_x) + (y - own_y) * (y - own_y) <= reach * reach
-        rate = dr.select(its == opening, _OWN, dr.select(close, around / larger(dr, mi.Float(number), 1.0), 0.0))
-        whole = mi.Float(pool.start((base + pool.openings) * 3, active) - pool.start(base * 3, active))
-        density = (1.0 - _OWN - around) / larger(dr, whole, 1.0)
-        density += dr.select(favoured, rate / larger(dr, among, 1.0), 0.0)
         normal, mark = self._paths.face(face, active)
+        # The density of the choice, at the place chosen.
+        density = (1.0 - share) / larger(dr, mi.Float(last - first), 1.0)
+        density += share * self._rate(opening, its, end.normal.z, normal.z, active) / larger(dr, whole, 1e-20)
         surface = self._paths.surface(sensor.table, mark, active)
         value = self._seen(end, position, normal, towards, surface, active)
         return dr.select(active, value * flux / (density * pool.paths), 0.0)
+
+    def _rate(self, opening: Any, its: Any, end: Any, place: Any, active: Any) -> Any:
+        """How often a place under an opening is joined to an end, by the heights of their normals: :class:`Favours`."""
+        mi, dr = self._mi, self._dr
+        x, y, own_x, own_y = (
+            dr.gather(mi.Float, array, at, active) for at in (its, opening) for array in (self._x, self._y)
+        )
+        squared = (x - own_x) * (x - own_x) + (y - own_y) * (y - own_y)
+        reach = dr.gather(mi.Float, self._far, opening, active)
+        close = (its == opening) | (squared <= reach * reach)
+        level, side = 1.0 + squared * self._fade_level, 1.0 + squared * self._fade_side
+        level, side = LEVEL_RATE / (level * level), SIDE_RATE / (side * side)
+        end_level, level_place = dr.abs(end) > _LEVEL, dr.abs(place) > _LEVEL
+        opposite = dr.select(end * place < 0.0, level, 0.0)
+        own = dr.select(its == opening, mi.Float(1.0), 0.0)
+        from_level = dr.select(level_place, opposite, side)
+        from_side = dr.select(level_place, dr.select(place > 0.0, side, 0.0), own)
+        return dr.select(close, dr.select(end_level, from_level, from_side), 0.0)
 
     def _seen(self, end: Meeting, position: Any, normal: Any, towards: Any, surface: Any, active: Any) -> Any:
         """Radiance along a sight line that a unit of flux arriving at a place makes, 1/mm2.
@@ -274,88 +297,3 @@ class LightPaths:
         value = self._paths.lookup.between(end.table, end.normal, end.towards, direction, seen)
         value *= self._paths.lookup.between(surface, normal, -direction, towards, seen)
         return dr.select(seen, value * smaller(dr, cosine * other / squared, self._bound), 0.0)
-
-
-@dataclass(frozen=True)
-class Places:
-    """Where the light of one illumination was met.
-
-    Attributes
-    ----------
-    numbers, shape (place, 7)
-        Position, direction to where the light came from, flux.
-    which, shape (place, 2)
-        Face and nearest opening.
-    starts
-        First place of every bin (randomisation, opening, way of facing), and their number.
-    paths
-        Of each randomisation.
-    """
-
-    numbers: NDArray[np.float32]
-    which: NDArray[np.uint32]
-    starts: NDArray[np.int64]
-    paths: int
-
-
-class Pool:
-    """Places where light of some illuminations was met, in a kernel's arrays."""
-
-    def __init__(
-        self,
-        mi: Any,
-        dr: Any,
-        places: Sequence[Places],
-        openings: int,
-        blocks: range,
-        block: int,
-        randomisations: int,
-    ) -> None:
-        self._mi, self._dr = mi, dr
-        pad = np.zeros(2 * _NUMBERS)
-        self._places = mi.Float(np.concatenate([*(p.numbers.ravel() for p in places), pad]))
-        self._which = mi.UInt32(np.concatenate([*(p.which.ravel() for p in places), np.zeros(4, dtype=np.uint32)]))
-        first = np.cumsum([0, *(len(p.which) for p in places)])
-        starts = [p.starts[:-1] + offset for p, offset in zip(places, first, strict=False)]
-        self._starts = mi.UInt32(np.concatenate([*starts, first[-1:]]).astype(np.uint32))
-        self._blocks, self._first, self._block, self._randomisations = (
-            dr.opaque(mi.UInt32, number) for number in (len(blocks), blocks.start, block, randomisations)
-        )
-        self.openings, self.paths = dr.opaque(mi.UInt32, openings), dr.opaque(mi.Float, places[0].paths)
-
-    def cell(self, group: Any, index: Any, randomisation: Any) -> Any:
-        """Which part of the pool a sight line is joined to."""
-        return (group * self._blocks + (index // self._block - self._first)) * self._randomisations + randomisation
-
-    def start(self, index: Any, active: Any) -> Any:
-        """Where the places of a bin start."""
-        return self._dr.gather(self._mi.UInt32, self._starts, index, active)
-
-    def place(self, index: Any, active: Any) -> tuple[Any, Any, Any, Any, Any]:
-        """Position, direction to where the light came from, flux, face, nearest opening."""
-        mi, dr = self._mi, self._dr
-        x, y, z, a, b, c, flux = (
-            dr.gather(mi.Float, self._places, index * _NUMBERS + k, active) for k in range(_NUMBERS)
-        )
-        face, opening = (dr.gather(mi.UInt32, self._which, index * 2 + k, active) for k in range(2))
-        return mi.Point3f(x, y, z), mi.Vector3f(a, b, c), flux, face, opening
-
-
-class _Grid:
-    """Which opening is about the nearest, in a kernel."""
-
-    def __init__(self, mi: Any, dr: Any, plate: Plate, nearest: tuple[NDArray[np.uint32], tuple[int, int]]) -> None:
-        index, size = nearest
-        self._mi, self._dr = mi, dr
-        self._index = mi.UInt32(index.ravel())
-        self._scale = [dr.opaque(mi.Float, n / (2 * half)) for n, half in zip(size, plate.half, strict=True)]
-        self._half = [dr.opaque(mi.Float, half) for half in plate.half]
-        self._last = [dr.opaque(mi.UInt32, n - 1) for n in size]
-
-    def at(self, place: Any, active: Any) -> Any:
-        mi, dr = self._mi, self._dr
-        x, y = (
-            dr.minimum(mi.UInt32(larger(dr, (value + half) * scale, 0.0)), last)
-            for value, half, scale, last in zip((place.x, place.y), self._half, self._scale, self._last, strict=True)
-        )
-        return dr.gather(mi.UInt32, self._index, x * (self._last[1] + 1) + y, active)

@@ -18,8 +18,8 @@ from twin.optics import Layout
 
 #: Least number of equal slots that a geometry's sight lines are divided into, and slots for each opening at least.
 _SLOTS, _PER_OPENING = 1024, 2
-#: Range in mm over which light scattered in the cavity fades beside the beam, and a floor far from it.
-_FADING_MM, _FAR_SHARE = 3.0, 0.02
+#: Light scattered in the cavity fades from this far inside the beam's edge on, over this range, to a floor; mm.
+_LEVEL_MM, _FADING_MM, _FAR_SHARE = 4.0, 3.5, 0.03
 #: Share of an opening through which no directly lit surface is expected.
 _UNLIT_SHARE = 0.02
 _DEPTH_NODES = 7
@@ -157,8 +157,8 @@ def share_out(plate: Plate, layout: Layout, spot: Spot, *, scattered: bool) -> S
     beside = _beside_beam(plate, layout, spot)
     reach, kept = _seen_share(plate, layout)
     if scattered:
-        expected = np.exp(-np.maximum(beside, 0.0) / _FADING_MM)
-        weight = np.sqrt(reach) * expected + _FAR_SHARE
+        expected = np.exp(-np.maximum(beside, -_LEVEL_MM) / _FADING_MM)
+        weight = reach * expected + _FAR_SHARE
     else:
         blur = 0.3 + plate.depth * layout.inverse_distance * _mirror(layout) / layout.view[:, 2] ** 2
         expected = np.clip((plate.radius + np.minimum(blur, 1.0)[:, None] - beside) / (2 * plate.radius), 0.0, 1.0)

@@ -54,6 +54,8 @@ RANDOMISATIONS = 16
 LIGHT_BLOCK, LIGHT_RATIO = 512, 2
 #: Blocks of light in one launch at most (about), and those kept for geometries to come.
 _POOL_BLOCKS, _KEPT_LIGHTS = 64, 96
+#: Sight lines of a geometry and randomisation that are joined in one launch at most: bounds the memory.
+_POOL_LINES = 16384
 _LIGHT_SALT, _PART_SALT = 0x51ED270B, 0x3C6EF372
 #: Lanes of a launch are at least this many where the samples suffice, to fill the machine.
 _LANES = 4096
@@ -208,6 +210,10 @@ class Tracer:
 
     def _joined(self, part: Part, some: Geometries, samples: int, first: int, seed: int) -> FloatArray:
         """Scattered light by joining sight lines to light; each block of sight lines has its own light."""
+        if samples > _POOL_LINES:
+            starts = range(first, first + samples, _POOL_LINES)
+            pieces = [self._joined(part, some, _POOL_LINES, start, seed) for start in starts]
+            return np.asarray(np.mean(pieces, axis=0))
         total = np.zeros((len(some), RANDOMISATIONS))
         if some.light is None:
             raise ValueError("geometries without illuminations cannot be joined to light")
