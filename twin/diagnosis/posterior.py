@@ -15,9 +15,9 @@ from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.unknown import smooth_evidence, tolerant
 
 #: Prior probabilities: of no gap, of one effect in all, of two in all, of a cause that is not in the library.
-PRIOR = {"none": 0.5, "one": 0.33, "two": 0.03, "unknown": 0.14}
+PRIOR = {"none": 0.5, "one": 0.32, "two": 0.065, "unknown": 0.115}
 #: Shares of the unknown: a smooth gap, the same beside an effect, and causes that are only suspected.
-SHARES = {"smooth": 0.35, "beside": 0.25, "suspected": 0.4}
+SHARES = {"smooth": 0.61, "beside": 0.05, "suspected": 0.34}
 #: Fits of one effect, and of two, that are weighed with the error of the response.
 _CHECKED = 8
 Progress = Callable[[str, float], None]
@@ -122,7 +122,7 @@ def weigh(
         prior = np.log(each) + sum(inside[name] for name in fit.names)
         hypotheses.append(Hypothesis(fit.names, False, prior, fit.log_evidence, fit))
     tell("an unknown cause", 0.8)
-    fits = [fit for _, fit in singles]
+    fits = [fit for _, fit in named]
     for beside, evidence in smooth_evidence(residual, fits, members, gaps, relative_u, none):
         share = SHARES["smooth"] if beside is None else SHARES["beside"] / max(1, len(known))
         names = () if beside is None else beside.names
