@@ -95,11 +95,14 @@ class ModbusTcpLineForm(Form):
 
 
 class VisaLineForm(Form):
-    """A VISA resource, opened with ``backend`` (``@py`` is pyvisa-py)."""
+    """A VISA resource, opened with ``backend``: ``@py`` is pyvisa-py, ``@ivi`` the library that the system names.
+
+    A library by its path is refused: a file of connections must not be able to load one.
+    """
 
     kind: Literal["visa"]
     resource: str
-    backend: str = "@py"
+    backend: Annotated[str, Field(pattern=r"^(@py|@ivi|[^@]*@sim)$")] = "@py"
     timeout: Timeout = 2.0
     connect_timeout: PositiveFloat = 3.0
 

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 POLL = 0.02
 
 
+#: URLs that lead to a port; others of the library write files (``spy``) or name classes (``alt``).
+SCHEMES = ("socket", "rfc2217", "loop", "hwgrep")
+
+
 class Wire(Protocol):
     """Bytes in and out. Every method raises OSError when the connection is lost."""
 
@@ -61,7 +65,12 @@ def open_port(form: SerialLineForm | ModbusSerialLineForm) -> serial.Serial:
     ------
     OSError
         If the port is missing, locked by another program or refuses its settings.
+    ValueError
+        If it is a URL of another scheme than :data:`SCHEMES`.
     """
+    scheme = form.port.partition("://")[0] if "://" in form.port else ""
+    if scheme and scheme not in SCHEMES:
+        raise ValueError(f"port: found {form.port!r}; expected the name of a port, or {', '.join(SCHEMES)}://...")
     raw = is_pseudo_terminal(form.port)
     exclusive = {"exclusive": True} if os.name == "posix" and "://" not in form.port else {}
     try:

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from instrument.angles import FloatArray
 from instrument.errors import InputError
+from instrument.files import beside
 from instrument.forms import Form, parse_form, read_form
 
 Positive = Annotated[float, Field(gt=0)]
@@ -151,8 +152,8 @@ def read_artifact(path: Path) -> ArtifactDimensions:
         is expected, and what :func:`check_dimensions` finds.
     """
     form = read_form(path, ArtifactForm)
-    holes = read_holes(path.parent / form.holes) if form.holes is not None else _no_holes()
-    mesh = path.parent / form.mesh if form.mesh is not None else None
+    holes = read_holes(beside(path, form.holes, "holes")) if form.holes is not None else _no_holes()
+    mesh = beside(path, form.mesh, "mesh") if form.mesh is not None else None
     if mesh is not None and not mesh.exists():
         raise InputError(f"{path}: mesh: {mesh}: no such file")
     dimensions = ArtifactDimensions(form, holes, mesh, path)

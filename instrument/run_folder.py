@@ -85,6 +85,8 @@ def copy_file(source: Path, folder: Path, name: str) -> Path:
     InputError
         If it cannot be read or written, or another file has this name already.
     """
+    if Path(name).name != name:
+        raise InputError(f"{source}: its copy would be called {name!r}; expected a name without folders")
     try:
         content = source.read_bytes()
     except OSError as error:

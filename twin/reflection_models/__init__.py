@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from instrument.errors import InputError
+from instrument.files import beside
 from twin.material import Material, open_netcdf
 
 GROUP = "goniotwin.reflection_models"
@@ -37,7 +38,7 @@ class Origin:
 
     def file(self, name: str) -> Path:
         """A file that the settings name."""
-        path = self.folder / name
+        path = beside(self.folder / "material.toml", name, "file")
         if not path.is_file():
             raise InputError(f"{self.where}: file: found {name!r}; expected a file, there is no {path}")
         return path
