@@ -24,7 +24,7 @@ from instrument.events import Geometry
 from instrument.files import replacing
 from twin.content import cache_folder, content_digest
 from twin.matching import GEOMETRY
-from twin.optics import geometry_columns
+from twin.optics import sample_columns
 from twin.propagation import Propagation, by_sensitivities
 from twin.propagation_render import PlanRenderer
 from twin.state_vector import StateVector, state_vector_from_files
@@ -121,7 +121,7 @@ def find_input_uncertainty(
         ``address``, ``workers``, ``progress`` as of :func:`~twin.propagation.by_sensitivities`.
     """
     store = UncertaintyStore(state, cache_folder() if folder is None else folder, tolerance)
-    columns = geometry_columns(geometries)
+    columns = sample_columns(geometries)
     rows = np.stack([columns[name] for name in GEOMETRY], axis=1)
     known = store.find(rows)
     if known is not None:

@@ -53,7 +53,7 @@ def find_points(measurement: xr.Dataset, prediction: xr.Dataset) -> NDArray[np.i
     Directions are compared, not numbers: sensor zenith -30 at azimuth 0 is zenith 30 at azimuth 180. Where several
     predicted points share a direction (zenith 0 at every azimuth) the one with the same angles is taken.
     """
-    wanted, offered = geometry_table(measurement), geometry_table(prediction)
+    wanted, offered = _from_sample(measurement), _from_sample(prediction)
     if wanted.shape == offered.shape and np.allclose(wanted, offered, rtol=0, atol=0.1 * ANGLE_TOLERANCE):
         return np.arange(len(wanted))
     if not len(offered):
@@ -74,6 +74,14 @@ def geometry_table(dataset: xr.Dataset) -> FloatArray:
     if missing:
         raise InputError(f"coordinate {', '.join(missing)} missing; found {', '.join(map(str, dataset.variables))}")
     return np.stack([np.asarray(dataset[name].values, dtype=float) for name in GEOMETRY], axis=-1)
+
+
+def _from_sample(dataset: xr.Dataset) -> FloatArray:
+    """:func:`geometry_table` with azimuths in the frame of the sample, which may have been turned."""
+    table = geometry_table(dataset)
+    if "sample_rotation" in dataset:
+        table[:, [2, 4]] -= np.asarray(dataset["sample_rotation"].values, dtype=float)[:, None]
+    return table
 
 
 def describe_geometry(row: FloatArray) -> str:

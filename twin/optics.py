@@ -21,6 +21,8 @@ __all__ = [
     "lay_out",
     "lit_footprint",
     "reference_change",
+    "sample_columns",
+    "sample_rotation",
 ]
 
 COORDINATES = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_zenith", "sensor_azimuth")
@@ -37,3 +39,25 @@ def geometry_columns(geometries: Any) -> dict[str, FloatArray]:
             for name in COORDINATES
         }
     return {name: np.array([getattr(g, name) for g in geometries], dtype=float) for name in COORDINATES}
+
+
+def sample_columns(geometries: Any) -> dict[str, FloatArray]:
+    """:func:`geometry_columns` in the frame of the sample, which the instrument may have turned about its normal.
+
+    A nominal instrument sees a turned sample as one that lies still and is looked at from azimuths turned the other
+    way.
+    """
+    columns = geometry_columns(geometries)
+    turned = sample_rotation(geometries)
+    if not np.any(turned):
+        return columns
+    return columns | {name: columns[name] - turned for name in ("illumination_azimuth", "sensor_azimuth")}
+
+
+def sample_rotation(geometries: Any) -> FloatArray:
+    """How far the sample was turned at each point, degree, shape (point,); 0 where nothing says so."""
+    if isinstance(geometries, xr.Dataset):
+        if "sample_rotation" not in geometries:
+            return np.zeros(geometries.sizes["point"])
+        return np.asarray(geometries["sample_rotation"].values, dtype=float)
+    return np.array([getattr(g, "sample_rotation", 0.0) for g in geometries], dtype=float)

@@ -20,7 +20,15 @@ from instrument.facility import Facility, read_facility
 from instrument.lambertian import lambertian_flux
 from twin.artifact import Surface, SurfaceMesh, build_mesh
 from twin.material import Material, read_material
-from twin.optics import COORDINATES, Setup, geometry_columns, lay_out, reference_change
+from twin.optics import (
+    COORDINATES,
+    Setup,
+    geometry_columns,
+    lay_out,
+    reference_change,
+    sample_columns,
+    sample_rotation,
+)
 from twin.prepared import Prepared
 from twin.sampling_plan import (
     Block,
@@ -132,7 +140,12 @@ class Twin:
         """
         columns = geometry_columns(geometries)
         seed = self.seed if seed is None else seed
-        estimate = self.estimate(columns, standard_error=standard_error, samples=samples, seed=seed, setup=setup)
+        seen = sample_columns(geometries)
+        if setup is not None and np.any(sample_rotation(geometries)):
+            raise InputError(
+                "sample_rotation: found a turned sample; expected none where the set-up is not the nominal one"
+            )
+        estimate = self.estimate(seen, standard_error=standard_error, samples=samples, seed=seed, setup=setup)
         return _dataset(geometries, columns, estimate, seed).assign_attrs(material=self.material.describe())
 
     def estimate(
@@ -222,6 +235,8 @@ def _dataset(
         coords = {}
     for name in COORDINATES:
         coords.setdefault(name, ("point", columns[name], {"units": _UNITS[name]}))
+    if np.any(turned := sample_rotation(geometries)):
+        coords.setdefault("sample_rotation", ("point", turned, {"units": "degree"}))
     error = estimate.standard_error
     return xr.Dataset(
         {

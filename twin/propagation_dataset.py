@@ -10,7 +10,7 @@ import xarray as xr
 
 from instrument.events import Geometry
 from twin.input_uncertainty import find_input_uncertainty
-from twin.optics import geometry_columns
+from twin.optics import sample_columns
 from twin.prediction import Twin
 from twin.propagation import DRAW_SAMPLES, Progress, Propagation, by_draws, by_sensitivities
 from twin.propagation_render import PlanRenderer
@@ -73,7 +73,7 @@ def propagate(
     if keep and not draws:
         result = find_input_uncertainty(state, geometries, tolerance=tolerance, **where).result
         return with_input_uncertainty(prediction, result, state)
-    renderer = PlanRenderer(state, geometry_columns(geometries), seed=seed)
+    renderer = PlanRenderer(state, sample_columns(geometries), seed=seed)
     if draws:
         result = by_draws(renderer, draws=draws, samples=samples, seed=seed, **where)
     else:

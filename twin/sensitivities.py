@@ -17,7 +17,7 @@ import xarray as xr
 from instrument.angles import FloatArray
 from instrument.errors import InputError
 from instrument.events import Geometry
-from twin.optics import geometry_columns
+from twin.optics import sample_columns
 from twin.propagation import Propagation, by_sensitivities
 from twin.propagation_designs import ROWS
 from twin.propagation_render import PlanRenderer
@@ -135,7 +135,7 @@ def sensitivities(
     >>> s = sensitivities(state_vector_from_files(facility, artifact, material), run)  # doctest: +SKIP
     >>> run_u = s.without(["material reference"]).covariance()  # doctest: +SKIP
     """
-    renderer = PlanRenderer(state, geometry_columns(geometries), seed=seed)
+    renderer = PlanRenderer(state, sample_columns(geometries), seed=seed)
     return of_propagation(state, by_sensitivities(renderer, tolerance=tolerance, seed=seed, rows=rows, **where))
 
 

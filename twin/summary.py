@@ -79,6 +79,9 @@ def prediction_dataset(
     coordinates = {
         name: ("point", np.array([getattr(points[i], name) for i in order], dtype=float)) for name in GEOMETRY
     }
+    if any(points[i].sample_rotation for i in order):
+        turned = np.array([points[i].sample_rotation for i in order])
+        coordinates["sample_rotation"] = ("point", turned)
     names = [*PREDICTED, *(name for name in OPTIONAL if all(name in values[i] for i in order))]
     columns = {name: ("point", np.array([values[i][name] for i in order], dtype=float)) for name in names}
     dataset = xr.Dataset(columns, coords=coordinates, attrs=dict(attributes))

@@ -14,7 +14,7 @@ from instrument.angles import FloatArray
 from instrument.dataset import capabilities, read_run
 from instrument.errors import InputError
 from instrument.run_check import component_names
-from twin.optics import geometry_columns
+from twin.optics import geometry_columns, sample_rotation
 
 #: Fewer points than this tell no effect from chance.
 LEAST_POINTS = 20
@@ -145,6 +145,8 @@ def observe(run: xr.Dataset, name: str) -> Observation:
     if "time" in kept.variables and not np.any(np.isnat(kept["time"].values)):
         time = kept["time"].values
         seconds = (time - time.min()) / np.timedelta64(1, "s")
+    if np.any(sample_rotation(kept)):
+        raise InputError(f"{name}: sample_rotation: found a turned sample; the diagnosis knows it at 0 degrees only")
     columns = geometry_columns(kept)
     return Observation(name, rows, columns, brf, u_brf, components, seconds, **_readings(kept), notes=tuple(notes))
 
