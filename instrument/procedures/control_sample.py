@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def control_sample(
     }
     before = read_results(results, PROCEDURE, subject) if results else []
     verdicts = {
-        name: judge(chart_of(before, name, room.facility.budget, (room.clock.now(), quantity.value)))
+        name: judge(chart_of(before, name, room.facility.budget, (datetime.now(UTC), quantity.value)))
         for name, quantity in values.items()
     }
     acts = [f"{name}: {verdict.reason}" for name, verdict in verdicts.items() if verdict.level == "act"]

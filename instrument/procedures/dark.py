@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from instrument.procedures.reading import Reader, beyond
+from instrument.procedures.reading import Reader, beyond, gain_name
 from instrument.procedures.results import Finding, Quantity
 from instrument.procedures.room import Room
 
@@ -29,20 +29,20 @@ def dark_level(room: Room, samples: int = 100, leak: bool = True) -> Finding:
     off = {}
     for gain in reader.gains:
         volts, u = off[gain] = reader.dark(gain)
-        values[f"dark {gain:g}"] = Quantity(value=volts, u=u, unit="V")
+        values[f"dark {gain_name(gain)}"] = Quantity(value=volts, u=u, unit="V")
         readings.append({"gain": gain, "emission": False, "volts": volts, "u": u})
         if abs(volts) > largest:
-            wrong.append(f"{volts:.3g} V at {gain:g} V/A (at most {largest:.3g} V)")
+            wrong.append(f"{volts:.3g} V at {gain_name(gain)} V/A (at most {largest:.3g} V)")
     if leak:
         room.light()
         for gain in reader.gains:
             volts, u = reader.dark(gain)
             through, u_through = volts - off[gain][0], math.hypot(u, off[gain][1])
-            values[f"leak {gain:g}"] = Quantity(value=through, u=u_through, unit="V")
+            values[f"leak {gain_name(gain)}"] = Quantity(value=through, u=u_through, unit="V")
             readings.append({"gain": gain, "emission": True, "volts": volts, "u": u})
             # Volts of leak smaller than a hundred-thousandth of full scale change nothing that is measured.
             if beyond(through, u_through, 5e-6 * reader.full_scale):
-                wrong.append(f"{through:.3g} V of light through the closed shutter at {gain:g} V/A")
+                wrong.append(f"{through:.3g} V of light through the closed shutter at {gain_name(gain)} V/A")
     return Finding(
         verdict="failed" if wrong else "passed",
         summary="; ".join(wrong) or f"dark at every gain, at most {max(abs(v) for v, _ in off.values()):.2g} V",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from instrument.procedures.reading import Level, Reader, beyond, mean_of_repeats, worst
+from instrument.procedures.reading import Level, Reader, beyond, gain_name, mean_of_repeats, worst
 from instrument.procedures.results import Finding, Quantity
 from instrument.procedures.room import Room
 
@@ -31,7 +31,7 @@ def gain_ratios(room: Room, wavelength: float = 500.0, repeats: int = 3, samples
     readings, wrong, calibrated = [], [], {reader.gains[0]: (reader.gains[0], 0.0)}
     for low, high in zip(reader.gains, reader.gains[1:], strict=False):
         power = reader.tune_power(high, _TARGET * reader.full_scale)
-        room.say(f"{low:g} and {high:g} V/A at {100 * power:.1f} % power")
+        room.say(f"{gain_name(low)} and {gain_name(high)} V/A at {100 * power:.1f} % power")
         ratios, errors = [], []
         for _ in range(repeats):
             levels = [reader.level(gain) for gain in (low, high, high, low)]
@@ -40,9 +40,9 @@ def gain_ratios(room: Room, wavelength: float = 500.0, repeats: int = 3, samples
             ratios.append(ratio)
             errors.append(u)
         if readings[-1]["volts"] < _LEAST * reader.full_scale:
-            room.notes.append(f"little light at {low:g} V/A: {readings[-1]['volts']:.3g} V")
+            room.notes.append(f"little light at {gain_name(low)} V/A: {readings[-1]['volts']:.3g} V")
         ratio, u = mean_of_repeats(ratios, errors)
-        name = f"{high:g}/{low:g}"
+        name = f"{gain_name(high)}/{gain_name(low)}"
         departure = ratio / (high / low) - 1
         values[f"ratio {name}"] = Quantity(value=ratio, u=u, unit="1")
         values[f"departure {name}"] = Quantity(value=departure, u=u / (high / low), unit="1")
@@ -51,7 +51,7 @@ def gain_ratios(room: Room, wavelength: float = 500.0, repeats: int = 3, samples
         gain, u_gain = calibrated[low]
         calibrated[high] = (gain * ratio, gain * ratio * math.hypot(u_gain / gain, u / ratio))
     for nominal, (gain, u_gain) in calibrated.items():
-        values[f"gain {nominal:g}"] = Quantity(value=gain, u=u_gain, unit="V A-1")
+        values[f"gain {gain_name(nominal)}"] = Quantity(value=gain, u=u_gain, unit="V A-1")
     line = ", ".join(f"{gain:.6g}" for gain, _ in calibrated.values())
     advice = (f"devices.toml, amplifier: gains = [{line}]",) if wrong else ()
     summary = (

@@ -158,6 +158,12 @@ class Reader:
         return reading.overload or max(abs(s) for s in reading.samples) >= self._detector.full_scale
 
 
+def gain_name(gain: float) -> str:
+    """A gain in few characters: ``1e6``."""
+    number, _, power = f"{gain:.4e}".partition("e")
+    return f"{number.rstrip('0').rstrip('.')}e{int(power)}"
+
+
 def mean_of(samples: Sequence[float]) -> tuple[float, float]:
     """Mean and its standard error; the latter 0 for a single sample.
 

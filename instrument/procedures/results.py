@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -30,10 +31,14 @@ class Quantity(Form):
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
-        if self.u is None or self.u == 0:
+        if not self.u:
             return f"{self.value:.6g}{unit}"
-        digits = max(0, 1 - int(f"{self.u:e}".split("e")[1]))
-        return f"{self.value:.{digits}f} ± {self.u:.{digits}f}{unit}" if digits < 10 else f"{self.value:.4g}{unit}"
+        size = max(abs(self.value), self.u)
+        power = math.floor(math.log10(size))
+        scale, mark = (10.0**power, f"e{power}") if power < -3 or power > 5 else (1.0, "")
+        digits = max(0, 1 - math.floor(math.log10(self.u / scale)))
+        value = f"{self.value / scale:.{digits}f} ± {self.u / scale:.{digits}f}"
+        return f"({value}){mark}{unit}" if mark else f"{value}{unit}"
 
 
 class Finding(Form):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ def carry_out(room: Room, name: str, work: Work, settings: dict[str, Any]) -> Ca
     finding = work(room)
     return CalibrationResult(
         procedure=name,
-        taken=room.clock.now(),
+        taken=datetime.now(UTC),
         who=room.request.who or account(),
         subject=finding.subject,
         verdict=finding.verdict,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -147,19 +147,18 @@ def _minimum(grid: FloatArray, ratio: FloatArray, u: FloatArray, guess: float) -
     InputError
         If there is no band.
     """
-    from scipy.optimize import curve_fit
+    from scipy.optimize import least_squares
 
-    def band(nm: FloatArray, level: float, slope: float, depth: float, centre: float, width: float) -> Any:
-        ground = level * (1 + slope * (nm - guess))
-        return ground * (1 - depth * np.exp(-0.5 * ((nm - centre) / width) ** 2))
+    def residuals(parameters: FloatArray) -> FloatArray:
+        level, slope, depth, centre, width = parameters
+        ground = level * (1 + slope * (grid - guess))
+        return np.asarray((ground * (1 - depth * np.exp(-0.5 * ((grid - centre) / width) ** 2)) - ratio) / u)
 
     start = (float(ratio.max()), 0.0, 1 - float(ratio.min() / ratio.max()), float(grid[np.argmin(ratio)]), 4.0)
-    try:
-        found, covariance = curve_fit(band, grid, ratio, p0=start, sigma=u, absolute_sigma=True)
-    except RuntimeError:
-        raise InputError(f"no absorption band around {guess:g} nm; is the wavelength standard on the stage?") from None
-    residual = (ratio - band(grid, *found)) / u
-    chi_square = float(np.sum(residual**2)) / max(len(grid) - len(start), 1)
-    if found[2] < 0.02 or not grid[0] <= found[3] <= grid[-1]:
+    fit = least_squares(residuals, start, x_scale="jac")
+    depth, centre = float(fit.x[2]), float(fit.x[3])
+    if not fit.success or depth < 0.02 or not grid[0] <= centre <= grid[-1]:
         raise InputError(f"no absorption band around {guess:g} nm; is the wavelength standard on the stage?")
-    return float(found[3]), float(np.sqrt(covariance[3, 3] * max(chi_square, 1.0)))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)
+    chi_square = 2 * float(fit.cost) / max(len(grid) - len(start), 1)
+    return centre, float(np.sqrt(covariance[3, 3] * max(chi_square, 1.0)))

@@ -437,6 +437,7 @@ def test_the_preflight_is_in_the_journal_and_a_bright_dark_level_moves_nothing(t
     assert "dark level: 3 V at the lowest gain" in end.reason
     (found,) = [record for record in s.journal().others if record["kind"] == "preflight"]
     assert {check["name"]: check["passed"] for check in found["checks"]} == dict.fromkeys(
-        ("shutter", "illumination_zenith", "sensor_azimuth", "sensor_zenith", "source", "disk", "reference"), True
+        ("shutter", "illumination_zenith", "sensor_azimuth", "sensor_zenith", "source", "disk", "reference", "warm-up"),
+        True,
     ) | {"dark level": False}
     assert s.bench.log == []
