@@ -177,7 +177,11 @@ class ScanEngine:
         DeviceFault, DiskNearlyFull
             If a check of the preflight has not passed; all of them are in the journal.
         """
-        checks = preflight(station, self._job.files.run_dir, self._job.settings, self._job.reference_age())
+        job = self._job
+        checks = preflight(station, job.files.run_dir, job.settings, job.reference_age(), job.facility, job.clock.now())
+        for check in checks:
+            if check.passed and check.found.startswith("not in order"):
+                self._report.tell("warning", f"{check.name}: {check.found}")
         self._report.record("preflight", time=self._report.now(), checks=checks)
         require(checks)
         statuses = {name: axis.status() for name, axis in station.laboratory.axes().items()}
