@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from PySide6.QtGui import QImage
+
 from gui.model import Point, ScanModel
+from gui.panels.base import Panel
 
 _COLUMNS: dict[str, Callable[[Point], object]] = {
     "wavelength (nm)": lambda p: p.geometry.wavelength,
@@ -36,6 +39,19 @@ def write_points(points: list[Point], file: Path) -> None:
         writer.writerow(_COLUMNS)
         for point in points:
             writer.writerow(["" if value is None else value for value in (get(point) for get in _COLUMNS.values())])
+
+
+def pictured(panels: Sequence[Panel]) -> dict[str, QImage]:
+    """Pictures of the panels that have something to export, by file name; in the Qt thread."""
+    return {f"{panel.title.lower().replace(' ', '-')}.png": panel.picture() for panel in panels}
+
+
+def write_export(folder: Path, points: list[Point], pictures: dict[str, QImage]) -> Path:
+    """Write table and pictures; any thread may do this."""
+    write_points(points, folder / "points.csv")
+    for name, picture in pictures.items():
+        picture.save(str(folder / name))
+    return folder
 
 
 def export_folder(model: ScanModel) -> Path:

@@ -9,15 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import ConfigurationError
 from gui.plan_cells import PlanDraft
 from instrument.durations import AXES
 from instrument.errors import InputError
 from instrument.facility import UNKNOWN_FACILITY, Facility, read_facility
 from instrument.plan import Plan
-from instrument.plan_summary import summarise
+from instrument.plan_summary import Speeds, summarise
+from instrument.settings import ScanSettings
 
-#: What a point takes and how fast arms are, where no drive has been asked: as ``goniotwin plan`` assumes.
-_DWELL, _VELOCITY, _ACCELERATION = 20.0, 20.0, 10.0
+#: How fast arms are where no ``devices.toml`` says it: as ``goniotwin plan`` assumes.
+_SPEEDS = Speeds(velocity=20.0, acceleration=10.0)
 _PLACE = re.compile(r"(?:grid|part) (\d+): (\w+)")
 _KEYS = re.compile(r"(?:grid|part)[.\[ ]*(\d+)[\].: ]+(\w+)")
 
@@ -45,7 +47,7 @@ class Wrong:
     key: str = ""
 
 
-def check_draft(draft: PlanDraft, facility: Path | None) -> Checked | Wrong:
+def check_draft(draft: PlanDraft, facility: Path | None, devices: Path | None = None) -> Checked | Wrong:
     """Check every point and every way between points, and estimate the duration."""
     with tempfile.TemporaryDirectory(prefix="goniotwin-plan-") as name:
         folder = Path(name)
@@ -53,8 +55,8 @@ def check_draft(draft: PlanDraft, facility: Path | None) -> Checked | Wrong:
         try:
             _copy_tables(draft, folder)
             file.write_text(draft.text(), encoding="utf-8")
-            plan, summary = summarise(file, facility, _DWELL, _VELOCITY, _ACCELERATION)
-        except InputError as error:
+            plan, summary = summarise(file, facility, devices, _SPEEDS, ScanSettings())
+        except (InputError, ConfigurationError) as error:
             return wrong_of(str(error).replace(f"{file}: ", "").replace(f"{folder}/", ""))
     return Checked(plan, summary)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
-from PySide6.QtGui import QAction, QActionGroup, QCloseEvent, QKeySequence, QShowEvent
+from PySide6.QtGui import QAction, QActionGroup, QCloseEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import (
     QButtonGroup,
     QFileDialog,
@@ -27,12 +27,14 @@ from gui import theme as themes
 from gui.bridge import Bridge
 from gui.comparison import score
 from gui.control import Controller, Listener
+from gui.export import export_folder, pictured, write_export
 from gui.model import Changes, PlaneKey, ScanModel
 from gui.pages.base import Desk, Page
 from gui.panels.base import Panel
 from gui.panels.plots import PlotsPanel
 from gui.questions import ask
 from gui.setup import Setup
+from gui.work import Work
 from instrument.states import FINAL
 
 #: Makes the controller of a window; it is told where events go and which plan to run (None: the laboratory's own).
@@ -158,7 +160,8 @@ class MainWindow(QMainWindow):
             button.setCheckable(True)
             button.setToolTip(f"{page.tip} (Ctrl+{number})")
             button.setAccessibleName(f"Page {page.title}: {page.tip}")
-            button.setShortcut(QKeySequence(f"Ctrl+{number}"))
+            key = QShortcut(QKeySequence(f"Ctrl+{number}"), self)
+            key.activated.connect(lambda name=page.name: self.show_page(name))
             button.setMinimumWidth(92)
             button.clicked.connect(lambda _=False, name=page.name: self.show_page(name))
             group.addButton(button)
@@ -177,10 +180,16 @@ class MainWindow(QMainWindow):
         self.open_action = QAction("&Open plan…", self)
         self.open_action.setShortcut(QKeySequence.StandardKey.Open)
         self.open_action.triggered.connect(self._choose_plan)
+        export = QAction("&Export points and pictures", self)
+        export.setShortcut(QKeySequence("Ctrl+E"))
+        export.triggered.connect(self.export)
+        self._export = Work(self)
+        self._export.finished.connect(lambda folder: self.statusBar().showMessage(f"Exported: {folder}", 15000))
+        self._export.failed.connect(lambda error: self.statusBar().showMessage(f"Cannot export: {error}", 15000))
         leave = QAction("&Close", self)
         leave.setShortcut(QKeySequence("Ctrl+Q"))
         leave.triggered.connect(self.close)
-        file.addActions([self.open_action, leave])
+        file.addActions([self.open_action, export, leave])
         view = self.menuBar().addMenu("&View")
         group = QActionGroup(self)
         names: dict[themes.Choice, str] = {"system": "As the &desktop", "light": "&Light", "dark": "Da&rk"}
@@ -218,6 +227,8 @@ class MainWindow(QMainWindow):
         """Carry out a command of a panel or a page."""
         if command == "start":
             self._start()
+        elif command == "export":
+            self.export()
         elif command == "abort":
             self._ask_to_abort()
         elif self._controller is not None:
@@ -225,6 +236,21 @@ class MainWindow(QMainWindow):
                 self._controller.answer(True)
             else:
                 getattr(self._controller, command)()
+
+    def export(self) -> Path | None:
+        """Write every point and a picture of every plot into a new folder of the run; returns it at once."""
+        if not self.model.points:
+            self.statusBar().showMessage("There is nothing to export yet", 8000)
+            return None
+        try:
+            folder = export_folder(self.model)
+        except OSError as error:
+            self.statusBar().showMessage(f"Cannot export: {error}", 8000)
+            return None
+        pictures = pictured([panel for panel in self.panels if panel.lazy])
+        points = list(self.model.points)
+        self._export.do(lambda: write_export(folder, points, pictures))
+        return folder
 
     def use_palette(self, choice: themes.Choice) -> None:
         """Change between light and dark."""

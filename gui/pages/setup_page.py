@@ -232,6 +232,7 @@ class SetupPage(Page):
         self.desk.setup.plan = path
         self._dirty = False
         self._show_where()
+        self.start.setEnabled(self._can_start())
         self.told.emit("plan")
         self.said.emit(f"Saved: {path}")
 
@@ -290,16 +291,16 @@ class SetupPage(Page):
         theme = self.desk.theme
         self.problem.setText(text)
         self.mark.setPixmap(marks.pixmap("warning" if text else "check", theme.bad if text else theme.good, 18))
-        self.start.setEnabled(not text and self.checked is not None and not self.model.connected)
+        self.start.setEnabled(not text and self._can_start())
 
     # What it means
 
     def check(self) -> None:
         """Check the plan as it stands, on a thread."""
         draft = PlanDraft(copy.deepcopy(self.draft.content), self.draft.path)
-        facility = self.desk.setup.known_facility
+        facility, devices = self.desk.setup.known_facility, self.desk.setup.devices
         self.problem.setText("Checking…")
-        self._work.do(lambda: check_draft(draft, facility))
+        self._work.do(lambda: check_draft(draft, facility, devices))
 
     def _show_check(self, result: Checked | Wrong) -> None:
         if isinstance(result, Wrong):

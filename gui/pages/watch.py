@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QByteArray, QSettings, Qt
-from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from gui.pages.base import Desk, Page
 
@@ -31,6 +31,10 @@ class WatchPage(Page):
         self.tabs.setDocumentMode(True)
         for panel in desk.in_area("centre"):
             self.tabs.addTab(panel, panel.title)
+        export = QPushButton("Export  Ctrl+E")
+        export.setToolTip("Every point as a table and every plot as a picture, into the run folder")
+        export.clicked.connect(lambda: self.asked.emit("export"))
+        self.tabs.setCornerWidget(export)
         self.across = QSplitter(Qt.Orientation.Horizontal)
         self.across.setHandleWidth(8)
         self.across.setChildrenCollapsible(False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QShowEvent
+from PySide6.QtCore import QSize, Signal
+from PySide6.QtGui import QColor, QImage, QShowEvent
 from PySide6.QtWidgets import QFrame, QLabel, QVBoxLayout, QWidget
 
 from gui.model import Changes, PlaneKey, ScanModel
@@ -13,6 +13,7 @@ from gui.theme import Theme
 
 Area = Literal["header", "banner", "acquire", "acquire-right", "left", "centre", "bottom"]
 Command = Literal["start", "pause", "pause_now", "resume", "abort", "halt", "mounted"]
+_LEAST_PICTURE = QSize(900, 640)
 
 
 class Panel(QFrame):
@@ -65,6 +66,19 @@ class Panel(QFrame):
         if self.behind:
             pending, self._pending = self._pending, Changes()
             self.refresh(pending)
+
+    def picture(self) -> QImage:
+        """The panel as it is, seen or not, twice as fine as on the screen."""
+        if self._pending != Changes():
+            pending, self._pending = self._pending, Changes()
+            self.refresh(pending)
+        if not self.isVisible():
+            self.resize(self.size().expandedTo(_LEAST_PICTURE))
+        image = QImage(self.size() * 2, QImage.Format.Format_RGB32)
+        image.setDevicePixelRatio(2.0)
+        image.fill(QColor(self.theme.window))
+        self.render(image)
+        return image
 
     def showEvent(self, event: QShowEvent) -> None:
         """Catch up."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -17,7 +18,10 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtWidgets import QMessageBox
 from pytestqt.qtbot import QtBot
 
+from gui import sessions
 from gui.control import Controller, Listener, SessionController, WindowOperator
+from gui.remote import RemoteController
+from gui.setup import Setup
 from gui.window import MainWindow
 from instrument.journal import read_journal
 from instrument.operators import Mounted
@@ -156,6 +160,50 @@ def test_every_reading_is_shown_beside_its_prediction(open_window: Callable[...,
     assert max(map(abs, scores)) < 5  # the simulated laboratory has no imperfection beyond its budget
 
 
+def test_a_fault_is_shown_and_the_run_is_recovered_from_the_start_page(
+    open_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path
+) -> None:
+    """The door of the laser opens and is closed again; then the scan is ended and gone on with."""
+    sessions_: list[ScanSession] = []
+
+    def make_session(request: ScanRequest, operator: WindowOperator | None) -> ScanSession:
+        resumed = (tmp_path / "run" / "journal.jsonl").exists()
+        if resumed:
+            request = ScanRequest(resume=tmp_path / "run", simulate=True, speed=SPEED, twin=False)
+        sessions_.append(ScanSession(request))
+        return sessions_[-1]
+
+    window = open_window(make_session=make_session)
+    model = window.model
+    qtbot.keyClick(window, F5)
+    qtbot.waitUntil(lambda: model.measured >= 1, timeout=LONG)
+    laboratory: Any = sessions_[0].laboratory
+    laboratory.control("open_interlock")
+    qtbot.waitUntil(lambda: model.state is State.SUSPENDED, timeout=LONG)
+    panel: Any = window.panel("StatePanel")
+    qtbot.waitUntil(lambda: panel.name.text() == "Suspended", timeout=LONG)
+    assert "interlock" in panel.text.text()
+    laboratory.control("close_interlock")
+    qtbot.wait(200)
+    qtbot.keyClick(window, F7)
+    before = model.measured
+    qtbot.waitUntil(lambda: model.measured > before, timeout=LONG)
+    window.end_and_close()
+    qtbot.waitUntil(lambda: not model.connected, timeout=LONG)
+    done = model.measured
+    assert 0 < done < 9
+    window._closing = False
+    window.setup.runs = tmp_path
+    window.show()
+    window.show_page("start")
+    start: Any = window.page("start")
+    qtbot.waitUntil(lambda: bool(start.resume_buttons), timeout=LONG)
+    assert start.resume_buttons[0].text() == f"Go on with it: {9 - done} points are missing"
+    start.resume_buttons[0].click()
+    qtbot.waitUntil(lambda: model.state is State.FINISHED and not model.connected, timeout=LONG)
+    assert sorted(read_journal(tmp_path / "run").points) == list(range(9))
+
+
 class Both(WindowOperator):
     """Asks in the window, then has the simulated laboratory do what the person would."""
 
@@ -193,17 +241,18 @@ def test_the_person_at_the_window_changes_the_sample(open_window: Callable[..., 
 
 
 LOST = """
+import os
+import signal
 import sys
 from pathlib import Path
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QApplication
 import gui.run
 from gui.window import MainWindow
 
 class Lost(MainWindow):
     def __init__(self, *given, **more):
         super().__init__(*given, **more)
-        self.bridge.changed.connect(lambda _: self.model.measured >= 2 and QApplication.exit(1))
+        self.bridge.changed.connect(lambda _: self.model.measured >= 2 and os.kill(os.getpid(), signal.SIGKILL))
         QTimer.singleShot(0, lambda: self.do("start"))
 
 gui.run.MainWindow = Lost
@@ -212,14 +261,55 @@ sys.exit(gui.run.run(gui.run.Options(plan, True, 200.0, 1, None, None, None, Non
 """
 
 
-def test_a_scan_ends_in_an_orderly_way_when_the_screen_is_lost(tmp_path: Path) -> None:
-    """Qt leaves its loop then, with the window open and the scan running."""
+def test_a_scan_outlives_the_screen_and_a_new_window_joins_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+) -> None:
+    """Qt leaves its loop where the screen is lost, with the window open; here it is killed outright."""
     plan, out = tmp_path / "short.toml", tmp_path / "run"
     plan.write_text(PLAN)
+    home = tmp_path / "s"
+    monkeypatch.setenv(sessions.VARIABLE, str(home))
     environment = os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
     command = [sys.executable, "-c", LOST, str(plan), str(out)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=200, env=environment, check=False)
-    assert done.returncode == 1, done.stderr
-    ended = [json.loads(line) for line in (out / "journal.jsonl").read_text().splitlines()]
-    assert [entry["outcome"] for entry in ended if entry["kind"] == "ended"] == ["aborted"]
-    assert ended[-1]["new"] == "aborted"
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    [session] = sessions.live_sessions()
+    settings = QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+    setup = Setup(simulate=True, runs=tmp_path)
+    window = MainWindow(lambda listener, plan: RemoteController(listener, setup.content()), settings, setup=setup)
+    qtbot.addWidget(window, before_close_func=lambda w: setattr(w.model, "connected", False))
+    window.show()
+    window.join(RemoteController(window.bridge, folder=session.folder))
+    model = window.model
+    qtbot.waitUntil(lambda: model.measured >= 2, timeout=LONG)
+    if not model.end:
+        qtbot.keyClick(window, F6)
+        qtbot.waitUntil(lambda: model.state in (State.PAUSED, State.FINISHED), timeout=LONG)
+        qtbot.keyClick(window, F7)
+    qtbot.waitUntil(lambda: model.state is State.FINISHED and not model.connected, timeout=LONG)
+    assert model.measured == model.total == 9
+    live = [(point.geometry, point.brf, point.u_brf) for point in model.points]
+    journal = read_journal(out)
+    assert sorted(journal.points) == list(range(9))
+    indices = [json.loads(line).get("index") for line in (out / "journal.jsonl").read_text().splitlines()]
+    assert sorted(index for index in indices if index is not None)[-1] == 8  # each point exactly once
+    window.page("runs").open_folder(out)  # type: ignore[attr-defined]
+    qtbot.waitUntil(lambda: model.duration_s == 0.0 and model.measured == 9, timeout=LONG)
+    assert [(point.geometry, point.brf, point.u_brf) for point in model.points] == live
+    headless = headless_records(tmp_path, plan)
+    assert records_of(out) == headless
+
+
+def records_of(run: Path) -> list[tuple[object, ...]]:
+    """What a journal records, without times, readings, and rests that a person asked for."""
+    lines = [json.loads(line) for line in (run / "journal.jsonl").read_text().splitlines()]
+    kept = [(line["kind"], line.get("index"), str(line.get("geometry"))) for line in lines]
+    return [line for line in kept if line[0] in ("header", "reference", "point", "ended")]
+
+
+def headless_records(folder: Path, plan: Path) -> list[tuple[object, ...]]:
+    """The same scan from the terminal."""
+    out = folder / "headless"
+    command = [sys.executable, "-m", "instrument", "scan", str(plan), "--simulate", "--speed", "200", "--no-twin"]
+    subprocess.run([*command, "--out", str(out)], capture_output=True, timeout=200, check=True)
+    return records_of(out)
