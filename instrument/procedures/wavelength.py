@@ -159,6 +159,7 @@ def _minimum(grid: FloatArray, ratio: FloatArray, u: FloatArray, guess: float) -
     depth, centre = float(fit.x[2]), float(fit.x[3])
     if not fit.success or depth < 0.02 or not grid[0] <= centre <= grid[-1]:
         raise InputError(f"no absorption band around {guess:g} nm; is the wavelength standard on the stage?")
-    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)
+    slopes = np.asarray(fit.jac, dtype=float)
+    covariance = np.linalg.pinv(slopes.T @ slopes)
     chi_square = 2 * float(fit.cost) / max(len(grid) - len(start), 1)
     return centre, float(np.sqrt(covariance[3, 3] * max(chi_square, 1.0)))

@@ -220,9 +220,8 @@ class Aligner:
 
 
 def test_the_alignment_leads_through_its_steps_and_keeps_every_answer(laboratory):
-    person = Aligner(
-        laboratory, level=12.5, height=0.05, distance=600.0, **{"back-x": 0.0, "back-y": 20.0}, centre="yes"
-    )
+    numbers = {"level": 12.5, "height": 0.05, "distance": 600.0, "back-x": 0.0, "back-y": 20.0, "centre": "yes"}
+    person = Aligner(laboratory, numbers)
     with open_room(REQUEST, person, laboratory=laboratory) as room:
         result = carry_out(room, "alignment", alignment, {})
     # Half the angle of the back reflection, by hand: atan(20/600)/2 = 0.955 degree, far more than u_tilt of 0.1.
