@@ -12,14 +12,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from drivers.clock import Clock
 from drivers.errors import DeviceFault
 from drivers.interfaces import Amplifier, Detector, Reading, Shutter
 from instrument.control import Controls, ask, ensure
 from instrument.hindrances import DetectorSaturated, LightUnstable, scatter
-from instrument.quality.bursts import outliers, trend
+from instrument.quality.bursts import MOST, SIGNIFICANCE, critical_values, outlying, trend
 from instrument.run_schema import REPEATED
 from instrument.settings import AcquisitionSettings
 
@@ -178,7 +176,9 @@ class Acquisition:
         return dark.samples
 
     def _note_outliers(self, samples: tuple[float, ...], which: str) -> None:
-        for number in np.flatnonzero(outliers(samples)):
+        if len(samples) < MOST + 2:
+            return
+        for number in outlying(samples, critical_values(len(samples), MOST, SIGNIFICANCE)):
             self._note(
                 f"sample {number + 1} of {len(samples)} {which} is an outlier: {samples[number]:.6g} V, the mean of all"
                 f" is {_mean(samples):.6g} V; kept"

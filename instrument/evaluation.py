@@ -48,12 +48,13 @@ class Evaluator:
         """
         if geometry not in self._per_ampere:
             self._prepare(_light(geometry))
-        dark = record.get("dark_signal")
-        reading = photocurrent([record["signal"]], [record["dark"]], [record["gain"]], None if not dark else [dark])
-        brf = self._per_ampere[geometry] * float(reading.current[0])
         budget = at_wavelength(self._facility, geometry.wavelength).budget
+        noise = budget.measurement_noise == "samples"
+        dark = [record["dark_signal"]] if noise and record.get("dark_signal") else None
+        reading = photocurrent([record["signal"]], [record["dark"]], [record["gain"]], dark)
+        brf = self._per_ampere[geometry] * float(reading.current[0])
         found = {row: brf * share for row, share in self._flux_terms[geometry].items()}
-        if budget.measurement_noise == "samples":
+        if noise:
             found["measurement_noise"] = brf * float(reading.standard_error[0] / reading.current[0])
         parts = point_budget(budget, [geometry.illumination_zenith], [geometry.sensor_zenith], [brf], found)
         return brf, float(combined(parts)[0])

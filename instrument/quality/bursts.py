@@ -5,13 +5,13 @@ Both are looked for and reported; no sample is ever left out of a mean because o
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
-
-from instrument.angles import FloatArray
 
 #: Significance of the outlier test; nine normal samples are accused in 1.4 % of bursts (the test's own approximation).
 SIGNIFICANCE = 0.01
@@ -63,27 +63,33 @@ def outliers(samples: ArrayLike, most: int = MOST, significance: float = SIGNIFI
     NIST/SEMATECH e-Handbook of Statistical Methods, section 1.3.5.17.3.
     """
     values = np.asarray(samples, dtype=float)
-    shape, count = values.shape, values.shape[-1]
-    values = values.reshape(-1, count)
     found = np.zeros(values.shape, dtype=bool)
-    if count < most + 2:
-        return found.reshape(shape)
-    set_aside, rows = np.zeros(values.shape, dtype=bool), np.arange(len(values))
-    floor = _ROUNDING * np.max(np.abs(values), axis=-1, initial=0.0)
-    for critical in critical_values(count, most, significance):
-        left = ~set_aside
-        number = left.sum(axis=-1)
-        mean = np.sum(values, axis=-1, where=left) / number
-        distance = np.where(left, np.abs(values - mean[:, None]), -1.0)
-        deviation = np.sqrt(np.sum(distance**2, axis=-1, where=left) / (number - 1))
-        farthest = distance.argmax(axis=-1)
-        set_aside[rows, farthest] = True
-        beyond = distance[rows, farthest] > critical * np.maximum(deviation, floor)
-        found[beyond] = set_aside[beyond]
-    return found.reshape(shape)
+    count = values.shape[-1]
+    if count >= most + 2:
+        critical = critical_values(count, most, significance)
+        flat = found.reshape(-1, count)
+        for row, burst in enumerate(values.reshape(-1, count).tolist()):
+            flat[row, outlying(burst, critical)] = True
+    return found
 
 
-def trend(samples: ArrayLike) -> tuple[float, float]:
+def outlying(burst: Sequence[float], critical: Sequence[float]) -> list[int]:
+    """Numbers of the outliers of one burst, for its :func:`critical_values`; plain numbers cost the engine least."""
+    left = dict(enumerate(burst))
+    floor = _ROUNDING * max(map(abs, burst))
+    set_aside: list[int] = []
+    beyond = 0
+    for limit in critical:
+        mean = sum(left.values()) / len(left)
+        deviation = math.sqrt(sum((value - mean) ** 2 for value in left.values()) / (len(left) - 1))
+        farthest = max(left, key=lambda number: abs(left[number] - mean))
+        set_aside.append(farthest)
+        if abs(left.pop(farthest) - mean) > limit * max(deviation, floor):
+            beyond = len(set_aside)
+    return set_aside[:beyond]
+
+
+def trend(samples: Sequence[float]) -> tuple[float, float]:
     """Straight line through the samples of one burst: its change over the burst, and that over its standard error.
 
     Returns
@@ -93,14 +99,12 @@ def trend(samples: ArrayLike) -> tuple[float, float]:
     significance
         Student's t of the slope, with two degrees of freedom less than samples; 0 with fewer than four.
     """
-    values: FloatArray = np.asarray(samples, dtype=float)
-    count = values.size
+    count = len(samples)
     if count < 4:
         return 0.0, 0.0
-    moment = np.arange(count) - (count - 1) / 2
-    spread = float(np.sum(moment**2))
-    slope = float(np.sum(moment * values)) / spread
-    rest = values - values.mean() - slope * moment
-    error = float(np.sqrt(np.sum(rest**2) / (count - 2) / spread))
-    floor = _ROUNDING * float(np.max(np.abs(values)))
-    return slope * (count - 1), slope / max(error, floor) if slope else 0.0
+    middle, mean = (count - 1) / 2, sum(samples) / count
+    spread = count * (count**2 - 1) / 12
+    slope = sum((number - middle) * value for number, value in enumerate(samples)) / spread
+    rest = sum((value - mean - slope * (number - middle)) ** 2 for number, value in enumerate(samples))
+    error = math.sqrt(rest / (count - 2) / spread)
+    return slope * (count - 1), slope / max(error, _ROUNDING * max(map(abs, samples))) if slope else 0.0
