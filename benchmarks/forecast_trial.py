@@ -1,7 +1,8 @@
 """The estimated duration of scans against what the simulated laboratory takes: ``python benchmarks/forecast_trial.py``.
 
 Every device is on its wire; the clock jumps wherever somebody would wait, so that the duration is that of moves,
-readings and pauses and not of the computer. Writes ``benchmarks/forecast.json`` and prints the table of ``docs/plan.md``.
+readings and pauses and not of the computer. Writes ``benchmarks/forecast.json`` and prints the table of
+``docs/plan.md``.
 """
 
 from __future__ import annotations
