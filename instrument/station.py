@@ -15,7 +15,8 @@ from instrument.events import Geometry, Polarization
 from instrument.facility import Arms
 from instrument.hindrances import LightUnstable
 from instrument.light import Light
-from instrument.motion import Mover
+from instrument.monitor import monitored
+from instrument.motion import MotionFailed, Mover
 from instrument.safety import Envelope, Pose
 from instrument.settings import ScanSettings
 from instrument.stages import Stages, mean_of, parts_of
@@ -52,8 +53,9 @@ class Station:
         self.mover = Mover(axes | laboratory.stages(), clock, controls, decided, settings.motion)
         self.stages = Stages(laboratory.stages(), arms, self.mover)
         self.light = Light(laboratory.source, laboratory.selector, controls, settings)
+        self.monitor = monitored(laboratory)
         self.acquisition = Acquisition(
-            laboratory.detector,
+            self.monitor or laboratory.detector,
             laboratory.amplifier,
             laboratory.shutter,
             clock,
@@ -141,10 +143,29 @@ class Station:
             "dark_signal": burst.dark_samples,
             "gain": burst.gain,
             "quality_flag": burst.quality_flag,
-            "readback": self.mover.readback(),
+            "readback": self._stood(),
             "source_power": power,
             "wavelength_readback": wavelength,
-        }
+        } | (self.monitor.beside(burst.samples) if self.monitor else {})
+
+    def _stood(self) -> dict[str, float]:
+        """Readback of every arm after a reading, which belongs to where they were sent.
+
+        Raises
+        ------
+        MotionFailed
+            If one has left its place meanwhile.
+        """
+        readback = self.mover.readback()
+        if self._commanded is None:
+            return readback
+        for name, wanted in zip(AXES, self._commanded, strict=True):
+            if abs(readback[name] - wanted) > self.mover.tolerance(name):
+                problem = (
+                    f"it moved during the reading: it stands at {readback[name]:.4f} instead of {wanted:g} degrees"
+                )
+                raise MotionFailed(name, problem, at_rest=True)
+        return readback
 
     def rest(self) -> None:
         """Stop the arms and close the shutter, and make sure of it.
@@ -160,6 +181,11 @@ class Station:
     def secure(self) -> list[Exception]:
         """Close the shutter and stop the arms, whatever fails; returns what cannot be known to be so."""
         return each([*self.mover.stops(), self.acquisition.shut, *self.mover.rests()])
+
+    def zero_monitor(self) -> None:
+        """Read the monitor photodiode, where there is one, while the source is off."""
+        if self.monitor is not None:
+            self.monitor.zero()
 
     def time(self) -> float:
         """Laboratory seconds."""
