@@ -10,6 +10,7 @@ import numpy as np
 from instrument.angles import FloatArray
 from twin.diagnosis.consistency import Consistency, judge
 from twin.diagnosis.fit import Fit
+from twin.diagnosis.followup import Proposal, proposals
 from twin.diagnosis.gap import Gap, measure_gap
 from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.posterior import Posterior
@@ -33,6 +34,8 @@ class Diagnosis:
         The answers.
     correction, shape (point,)
         Logarithm of the corrected prediction over the nominal one.
+    proposals
+        Scans that would tell apart what the run cannot.
     """
 
     prepared: Prepared
@@ -42,6 +45,7 @@ class Diagnosis:
     decision: Decision
     gap: Gap
     correction: FloatArray
+    proposals: tuple[Proposal, ...] = ()
 
 
 def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
@@ -64,8 +68,12 @@ def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
     if decision.verdict == "effects" and gap.gain <= 0:
         # Evidence and held-out slices must agree.
         decision = replace(decision, verdict="undecided", named=())
+    found = Diagnosis(prepared, posterior, consistency, tuple(where), decision, gap, leading.table)
+    if prepared.facility is not None:
+        tell("the next scan", 0.95)
+        found = replace(found, proposals=tuple(proposals(found, prepared.facility)))
     tell("done", 1.0)
-    return Diagnosis(prepared, posterior, consistency, tuple(where), decision, gap, leading.table)
+    return found
 
 
 def _fit_of(posterior: Posterior, names: tuple[str, ...]) -> Fit:

@@ -8,7 +8,7 @@ and of the reflection model. Effects of time and order are computed run by run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -75,8 +75,6 @@ class JointResponse:
         """Shared ones, or those of every run, named after it."""
         if not self.own:
             return tuple(self.parts[0].parameters)
-        from dataclasses import replace
-
         numbered = enumerate(self.parts, start=1)
         return tuple(replace(p, name=f"run{number}_{p.name}") for number, part in numbered for p in part.parameters)
 
@@ -109,7 +107,7 @@ def prepare_jointly(
     together = joined([part.problem.run for part in parts])
     factor, rest = low_rank(bench.input_covariance(together))
     shared = np.concatenate([factor, model_error(together)], axis=1)
-    return join(parts, shared, rest, same_mounting=same_mounting)
+    return replace(join(parts, shared, rest, same_mounting=same_mounting), inputs=bench.inputs)
 
 
 def join(

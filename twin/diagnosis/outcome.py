@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import xarray as xr
 from instrument.angles import FloatArray
 from twin.corrections import Correction, Corrections
 from twin.diagnosis.diagnose import Diagnosis
+from twin.diagnosis.followup import unresolved
 from twin.diagnosis.verdict import Named
 
 #: Effects that are listed in the ranking.
@@ -48,6 +51,8 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "heldout_gain_nats": gap.gain,
         },
         "next_scan": next_scans(diagnosis),
+        "advice": advice(diagnosis),
+        "made_with": made_with(diagnosis),
         "ruled_out": diagnosis.prepared.responses.ruled_out,
         "notes": list(diagnosis.prepared.problem.run.notes),
     }
@@ -55,6 +60,38 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _ranked(named: Named) -> dict[str, Any]:
     return {"effect": named.effect, "class": list(named.members), "probability": named.probability}
+
+
+def made_with(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Program and files, by name and digest, that the diagnosis was made with."""
+    names = diagnosis.prepared.problem.run.name.split(", ")
+    runs = {"run" if len(names) == 1 else f"run {n}": Path(name) for n, name in enumerate(names, start=1)}
+    files = {what: path / "run.nc" if path.is_dir() else path for what, path in runs.items()}
+    inputs = diagnosis.prepared.inputs
+    if inputs is not None:
+        files |= {"facility": inputs.facility, "artifact": inputs.artifact, "material": inputs.material}
+    digests = {
+        what: {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+        for what, path in files.items()
+        if path.is_file()
+    }
+    return {"program": f"goniotwin {version('goniotwin')}", "inputs": digests}
+
+
+def with_u(value: float, u: float) -> tuple[str, str]:
+    """A value and its standard uncertainty, both to the second digit of the uncertainty (GUM 7.2.6)."""
+    if not (np.isfinite(u) and u > 0):
+        return f"{value:.4g}", f"{u:.2g}"
+    decimals = 1 - int(np.floor(np.log10(float(f"{u:.1e}"))))
+    told = (f"{round(v, decimals):.{max(0, decimals)}f}" for v in (value, u))
+    return next(told), next(told)
+
+
+def chance_of(probability: float) -> str:
+    """A probability to three decimals, without a claim of certainty."""
+    if probability < 0.0005:
+        return "< 0.001"
+    return f"{probability:.3f}" if probability < 0.9995 else "> 0.999"
 
 
 def parameters(diagnosis: Diagnosis, named: Named) -> dict[str, dict[str, float]]:
@@ -67,15 +104,47 @@ def parameters(diagnosis: Diagnosis, named: Named) -> dict[str, dict[str, float]
 
 
 def next_scans(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Scans that would tell apart the effects of a class."""
+    """Slices that, read again, are expected to tell apart what the run cannot."""
+    return [
+        {
+            "description": p.scan.description,
+            "separates": [list(pair) for pair in p.separates],
+            "gain_nats": p.gain_nats,
+            "duration_s": p.duration_s,
+        }
+        for p in diagnosis.proposals
+    ]
+
+
+def advice(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """What else would tell apart the effects of a class, as the library knows it: other scans, other means."""
     found = diagnosis.prepared.responses.found
     scans: dict[str, list[list[str]]] = {}
-    for named in diagnosis.decision.named or diagnosis.decision.ranking[:1]:
-        for other in named.members[1:]:
-            text = found[named.effect].effect.separated_by or found[other].effect.separated_by
-            if text:
-                scans.setdefault(text, []).append([named.effect, other])
+    for one, other in unresolved(diagnosis):
+        for name in (one, other):
+            if found[name].effect.separated_by:
+                scans.setdefault(found[name].effect.separated_by, []).append([one, other])
     return [{"description": text, "separates": pairs} for text, pairs in scans.items()]
+
+
+def next_in_words(diagnosis: Diagnosis) -> list[str]:
+    """What to measure next, one sentence each."""
+    lines = [
+        f"Next scan: {p.scan.description}, about {p.duration_s / 60:.0f} min; expected to tell"
+        f" {_pairs(p.separates)} ({p.gain_nats:.1f} nats)."
+        for p in diagnosis.proposals[:1]
+    ]
+    told = {pair for p in diagnosis.proposals for pair in p.separates}
+    left = [pair for pair in unresolved(diagnosis) if pair not in told]
+    for text in advice(diagnosis):
+        pairs = [tuple(pair) for pair in text["separates"] if tuple(pair) in left]
+        if pairs:
+            lines.append(f"To tell {_pairs(pairs)}: {text['description']}.")
+    return lines
+
+
+def _pairs(pairs: Sequence[Sequence[str]]) -> str:
+    return ", ".join(" from ".join(pair) for pair in pairs)
 
 
 def corrections_of(diagnosis: Diagnosis) -> Corrections:
@@ -122,9 +191,9 @@ def verdict_in_words(diagnosis: Diagnosis) -> list[str]:
     found = diagnosis.prepared.responses.found
     lines = []
     if decision.verdict == "none":
-        lines.append(f"No gap beyond the budget (probability {posterior.none:.2f}).")
+        lines.append(f"No gap beyond the budget (probability {chance_of(posterior.none)}).")
     elif decision.verdict == "unknown":
-        lines.append(f"A gap that no effect of the library explains (probability {posterior.unknown:.2f}).")
+        lines.append(f"A gap that no effect of the library explains (probability {chance_of(posterior.unknown)}).")
     elif decision.verdict == "undecided":
         best = ", ".join(f"{n.effect} ({n.probability:.2f})" for n in decision.ranking[:3])
         lines.append(
@@ -133,9 +202,10 @@ def verdict_in_words(diagnosis: Diagnosis) -> list[str]:
     for named in decision.named if decision.verdict == "effects" else ():
         title = found[named.effect].effect.title
         values = ", ".join(
-            f"{name} {entry['value']:.4g} +- {entry['u']:.2g}" for name, entry in parameters(diagnosis, named).items()
+            f"{name} {' +- '.join(with_u(entry['value'], entry['u']))}"
+            for name, entry in parameters(diagnosis, named).items()
         )
-        text = f"{title} ({named.effect}): probability {named.probability:.2f}; {values}"
+        text = f"{title} ({named.effect}): probability {chance_of(named.probability)}; {values}"
         if len(named.members) > 1:
             text += f"; this run cannot tell it from {', '.join(named.members[1:])}"
         lines.append(text + ".")
@@ -159,4 +229,4 @@ def in_words(diagnosis: Diagnosis) -> Sequence[str]:
                 f" {100 * gap.interval[0]:.0f} to {100 * gap.interval[1]:.0f} %)."
             ),
         ]
-    return lines
+    return lines + next_in_words(diagnosis)

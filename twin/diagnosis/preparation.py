@@ -16,7 +16,7 @@ import xarray as xr
 from instrument.angles import FloatArray, direction
 from instrument.artifact import read_artifact
 from instrument.errors import InputError
-from instrument.facility import read_facility
+from instrument.facility import Facility, read_facility
 from twin.diagnosis.acquisition import acquisition_of
 from twin.diagnosis.covariance import over_directions
 from twin.diagnosis.effects import Effect
@@ -62,11 +62,21 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A run made ready, and how every effect acts on it."""
+    """A run made ready, and how every effect acts on it.
+
+    Attributes
+    ----------
+    budget
+        Columns of the problem's budget that come from effects, by label.
+    inputs, facility
+        Files of the twin, and its instrument; None where it came from elsewhere, the instrument also for several runs.
+    """
 
     problem: Problem
     responses: Responses
     budget: dict[str, FloatArray]
+    inputs: Inputs | None = None
+    facility: Facility | None = None
 
 
 class Bench:
@@ -131,7 +141,7 @@ class Bench:
         budget = np.concatenate([np.stack(list(columns.values()), axis=1), factor, model_error(run)], axis=1)
         u_own = np.sqrt(u_nominal**2 + rest)
         problem = Problem.of(run, nominal, u_own, budget, list(found.found.values()))
-        return Prepared(problem, found, columns)
+        return Prepared(problem, found, columns, self.inputs, self.facility)
 
     def nominal(self, run: Observation) -> tuple[FloatArray, FloatArray]:
         """Predicted reflectance factors and their relative standard error by the ray tracer, shape (point,) each."""

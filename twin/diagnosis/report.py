@@ -10,8 +10,9 @@ import numpy as np
 from instrument.files import write_atomically
 from twin.diagnosis import parity_only, report_page
 from twin.diagnosis.diagnose import Diagnosis
-from twin.diagnosis.outcome import next_scans, parameters, verdict_in_words
+from twin.diagnosis.outcome import advice, chance_of, made_with, parameters, verdict_in_words, with_u
 from twin.diagnosis.parity import Parity
+from twin.diagnosis.posterior import PRIOR
 from twin.diagnosis.report_figures import (
     MOST_MAPS,
     MOST_PLANES,
@@ -52,8 +53,16 @@ def report(diagnosis: Diagnosis, symmetries: Sequence[Parity]) -> str:
         *_ruled_out(diagnosis),
         heading("What the file lacks"),
         bullets(run.notes) or paragraph("Nothing: everything that a test could use is there."),
+        *_made_with(diagnosis),
     ]
     return report_page.page(f"Diagnosis of {_names(run.name)}", [part for part in parts if part])
+
+
+def _made_with(diagnosis: Diagnosis) -> list[str]:
+    """Program and files, so that the diagnosis can be made again."""
+    made = made_with(diagnosis)
+    rows = [[what, one["file"], one["sha256"]] for what, one in made["inputs"].items()]
+    return [heading("Made with"), paragraph(made["program"]), table(["", "file", "SHA-256"], rows) if rows else ""]
 
 
 def _names(joined: str) -> str:
@@ -81,7 +90,10 @@ def _gap(diagnosis: Diagnosis) -> list[str]:
             f"Measurement and simulation {verdict}: probability {chance} that a sound run looks so, whatever the"
             " correlation of its errors."
         ),
-        f"Chi-square over points, with the full covariance: {found.chi_square:.2f}.",
+        (
+            f"Chi-square over points, with the full covariance: {found.chi_square:.2f}. About 1 says that the scatter"
+            " is as large as stated; a pattern may still hide in it."
+        ),
     ]
     if found.dark_uncertainty > 0:
         lines.append(
@@ -92,8 +104,9 @@ def _gap(diagnosis: Diagnosis) -> list[str]:
         lines.append("The budget lacks nothing to explain the difference.")
     posterior = diagnosis.posterior
     lines.append(
-        f"Probability of no gap {posterior.none:.3f}, of a gap that no effect of the library explains"
-        f" {posterior.unknown:.3f}."
+        f"Probability of no gap {chance_of(posterior.none)}, of a gap that no effect of the library explains"
+        f" {chance_of(posterior.unknown)}. Before looking they were {PRIOR['none']:g} and {PRIOR['unknown']:g}, that of"
+        f" one effect {PRIOR['one']:g}, of two {PRIOR['two']:g}."
     )
     return [heading("Is there a gap?"), bullets(lines), _structures(diagnosis)]
 
@@ -152,8 +165,13 @@ def _where(diagnosis: Diagnosis) -> list[str]:
     lines = [
         f"{region.description}: {region.strength:.1f} u, {len(region.points)} points" for region in diagnosis.where
     ]
-    nothing = paragraph("Nowhere: no region differs by more than its uncertainty once noise is taken off.")
-    return [heading("Where"), bullets(lines) or nothing]
+    if not lines:
+        return [heading("Where"), paragraph("Nowhere: no gap is larger than the uncertainty once noise is taken off.")]
+    text = (
+        "Points where the gap that the leading explanation sees, free of noise, is larger than the combined standard"
+        " uncertainty u of the run:"
+    )
+    return [heading("Where"), paragraph(text), bullets(lines)]
 
 
 def _ranking(diagnosis: Diagnosis) -> list[str]:
@@ -162,7 +180,7 @@ def _ranking(diagnosis: Diagnosis) -> list[str]:
     names = ["no gap", "unknown cause", *(named.effect for named in ranking[:6])]
     chances = [diagnosis.posterior.none, diagnosis.posterior.unknown, *(n.probability for n in ranking[:6])]
     rows = [
-        [n.effect, found[n.effect].effect.title, f"{n.probability:.3f}", ", ".join(n.members[1:]) or "-"]
+        [n.effect, found[n.effect].effect.title, chance_of(n.probability), ", ".join(n.members[1:]) or "-"]
         for n in ranking
     ]
     return [
@@ -206,7 +224,7 @@ def _parameter_rows(diagnosis: Diagnosis, named: Named) -> list[list[str]]:
             against = f"{times:.1f} times" + (": beyond it" if times > 2 else ": within twice")
         unit = found[name].unit
         label = name if unit in ("1", "") else f"{name} ({unit})"
-        rows.append([named.effect, label, f"{entry['value']:.4g}", f"{entry['u']:.2g}", budget, against])
+        rows.append([named.effect, label, *with_u(entry["value"], entry["u"]), budget, against])
     return rows
 
 
@@ -254,14 +272,25 @@ def _symmetries(symmetries: Sequence[Parity]) -> list[str]:
 
 
 def _next(diagnosis: Diagnosis) -> list[str]:
-    rows = []
-    for scan in next_scans(diagnosis):
-        pairs = "; ".join(" from ".join(pair) for pair in scan["separates"])
-        gain = f"{scan['gain_nats']:.1f}" if "gain_nats" in scan else "not computed"
-        rows.append([scan["description"], pairs, gain])
-    text = "Nothing has to be told apart: no scan is proposed." if not rows else ""
-    body = table(["scan", "tells", "expected gain / nats"], rows) if rows else paragraph(text)
-    return [heading("Next scan"), body]
+    rows = [
+        [p.scan.description, _pairs(p.separates), f"{p.gain_nats:.1f}", f"{p.duration_s / 60:.0f}"]
+        for p in diagnosis.proposals
+    ]
+    others = [f"{one['description']}: tells {_pairs(one['separates'])}" for one in advice(diagnosis)]
+    parts = [heading("Next scan")]
+    if rows:
+        text = "Slices of this run, read again, that are expected to tell apart what it cannot:"
+        parts += [
+            paragraph(text),
+            table(["scan", "tells", "expected gain / nats", "duration / min"], rows, [2, 3]),
+        ]
+    if others:
+        parts += [paragraph("What else would, as the library knows it; not computed for this run:"), bullets(others)]
+    return parts if len(parts) > 1 else [*parts, paragraph("Nothing has to be told apart: no scan is proposed.")]
+
+
+def _pairs(pairs: Sequence[Sequence[str]]) -> str:
+    return "; ".join(" from ".join(pair) for pair in pairs)
 
 
 def _ruled_out(diagnosis: Diagnosis) -> list[str]:
@@ -285,7 +314,12 @@ def _ruled_out(diagnosis: Diagnosis) -> list[str]:
 def _behind(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
     """Name, evidence behind the leading explanation in nats, and what that means; the nearest first."""
     leading = diagnosis.decision.leading
-    alone = {h.names[0]: h.log_evidence for h in diagnosis.posterior.hypotheses if len(h.names) == 1 and not h.unknown}
+    # Beside a smooth gap of unknown cause an effect stands with another evidence than that of its own fit.
+    alone = {
+        h.names[0]: h.log_evidence
+        for h in diagnosis.posterior.hypotheses
+        if len(h.names) == 1 and h.fit is not None and h.log_evidence == h.fit.log_evidence
+    }
     rows = []
     for name in diagnosis.prepared.responses.found:
         if name in leading.names:

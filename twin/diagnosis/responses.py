@@ -7,12 +7,13 @@ nominal twin; an effect on the reading is computed. All have the form :class:`Re
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from instrument.angles import FloatArray
@@ -28,6 +29,7 @@ ZENITH_NODES = np.array([-5.0, -3.0, -1.8, -0.9, 0.0, 0.9, 1.8, 3.0, 5.0])
 #: Least relative reading: the logarithm of nothing is no number.
 _LEAST = 1e-5
 _STEP = 1e-3
+IntArray = NDArray[np.int64]
 
 
 class Response(Protocol):
@@ -150,6 +152,10 @@ class TabulatedResponse(_Common):
         low, high = np.array([parameter.cap for parameter in self.parameters]).T
         return np.clip(values, low, high)
 
+    def again(self, run: Acquisition, rows: IntArray) -> TabulatedResponse:
+        """The response where some of the points are read again."""
+        return replace(self, table=self.table[..., rows], u_table=self.u_table[..., rows])
+
     @cached_property
     def _splines(self) -> list[BSpline]:
         return [cardinal_spline(axis) for axis in self.axes]
@@ -179,6 +185,10 @@ class ZenithResponse(_Common):
         result = np.einsum("npk,kp->np", weights, self.table)
         return np.asarray(result - self._reference_log(values)[:, None])
 
+    def again(self, run: Acquisition, rows: IntArray) -> ZenithResponse:
+        """The response where some of the points are read again, in their order in ``run``."""
+        return replace(self, run=run, table=self.table[:, rows], u_table=self.u_table[:, rows])
+
     def _reference_log(self, values: FloatArray) -> FloatArray:
         """Logarithm of the change of the reference reading, shape (n,)."""
         assert isinstance(self.effect, ZenithEffect)
@@ -204,6 +214,10 @@ class ComputedResponse(_Common):
 
     run: Acquisition
     brf: FloatArray
+
+    def again(self, run: Acquisition, rows: IntArray) -> ComputedResponse:
+        """The response where some of the points are read again, in their order in ``run``."""
+        return replace(self, run=run, brf=self.brf[rows])
 
     def apply(self, brf: FloatArray, values: FloatArray) -> FloatArray:
         assert isinstance(self.effect, ReadingEffect)

@@ -80,7 +80,10 @@ def test_points_in_the_output_are_those_of_the_file():
         plain_shrink=0.0, gain=0.0,
     )  # fmt: skip
     diagnosis = SimpleNamespace(
-        prepared=SimpleNamespace(problem=SimpleNamespace(run=run), responses=SimpleNamespace(found={}, ruled_out={})),
+        prepared=SimpleNamespace(
+            problem=SimpleNamespace(run=run), responses=SimpleNamespace(found={}, ruled_out={}), inputs=None
+        ),
+        proposals=(),
         consistency=consistency,
         where=(Region(np.array([0, 9]), "here", 2.0),),
         decision=SimpleNamespace(verdict="unknown", named=(), ranking=()),
