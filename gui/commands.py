@@ -19,13 +19,20 @@ def gui(
     material: Annotated[Path | None, typer.Option(help="Run or table of the coating, for the twin.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder.")] = None,
     twin: Annotated[bool, typer.Option("--twin/--no-twin", help="Predict every reading live.")] = True,
-    screenshot: Annotated[Path | None, typer.Option(hidden=True, help="Run the scan unseen, save a picture.")] = None,
+    screenshots: Annotated[
+        Path | None, typer.Option(help="Open no window: save pictures of every page here, at 100 % and 200 %.")
+    ] = None,
+    shown: Annotated[Path | None, typer.Option(help="Run folder that the pictures show; else a small scan.")] = None,
 ) -> None:
     """Open the operator's window."""
     from gui.application import load_qt
 
     load_qt()
+    if screenshots is not None:
+        from gui.pictures import take_all
+
+        raise typer.Exit(take_all(screenshots, shown))
     from gui.run import Options, run
 
     options = Options(plan, simulate, speed, seed, devices, facility, artifact, material, out, twin)
-    raise typer.Exit(run(options, screenshot))
+    raise typer.Exit(run(options))

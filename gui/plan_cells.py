@@ -14,9 +14,9 @@ from instrument.errors import InputError
 #: Key in the plan, and the head of its column.
 COLUMNS = {
     "wavelength": "Wavelength (nm)",
-    "illumination_zenith": "Illumination zenith (°)",
-    "sensor_azimuth": "Sensor azimuth (°)",
-    "sensor_zenith": "Sensor zenith (°)",
+    "illumination_zenith": "Illumination\nzenith (°)",
+    "sensor_azimuth": "Sensor\nazimuth (°)",
+    "sensor_zenith": "Sensor\nzenith (°)",
 }
 HOW = "Values with commas: 0, 15, 30. Or start : stop : step, as in -80 : 80 : 5."
 

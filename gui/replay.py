@@ -67,7 +67,7 @@ def events_of(path: Path) -> list[Event]:
     geometries = _geometries(run)
     skipped = _skipped(content)
     times = _times(run)
-    start = times[0] if times else datetime.now(UTC)
+    start = min([*times, *(event.time for event in _references(run, times[0]))])
     title = str(run.attrs.get("title", "")) or path.name
     everything = (*geometries, *(geometry for geometry, _ in skipped))
     events: list[Event] = [

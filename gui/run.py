@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +59,7 @@ class Options:
                 raise InputError(f"{name}: {path}: no such file")
 
 
-def run(options: Options, screenshot: Path | None = None) -> int:
+def run(options: Options) -> int:
     """Open the window and stay until it is closed.
 
     Returns
@@ -69,13 +68,8 @@ def run(options: Options, screenshot: Path | None = None) -> int:
         Exit status: 1 where the screen was lost; a scan that was running goes on, and a new window joins it.
     """
     options.check()
-    if screenshot is not None:
-        os.environ["QT_QPA_PLATFORM"] = "offscreen"
     application = start_application()
     settings = QSettings("goniotwin", "window")
-    if screenshot is not None:  # as a first start, whatever the person of this machine has chosen
-        settings = QSettings(os.devnull, QSettings.Format.IniFormat)
-
     setup = options.setup()
     setup.use_examples()
     controllers: list[RemoteController] = []
@@ -87,15 +81,9 @@ def run(options: Options, screenshot: Path | None = None) -> int:
 
     window = MainWindow(controller, settings, plan_needed=not options.simulate, setup=setup)
     heart = obey_signals(window)
-    if screenshot is None and (running := live_sessions()):
+    if running := live_sessions():
         window.join(RemoteController(window.bridge, folder=running[-1].folder))
     window.show()
-    if screenshot is not None:
-        from gui.screenshot import Photographer
-
-        photographer = Photographer(window, screenshot)
-        application.exec()
-        return photographer.status
     status = application.exec()
     heart.stop()
     for each in controllers:  # a scan that runs goes on in its own process

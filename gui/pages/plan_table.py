@@ -132,7 +132,7 @@ class PlanTableView(QTableWidget):
         editor.setProperty("wrong", bool(problem))
         editor.style().unpolish(editor)
         editor.style().polish(editor)
-        self.complained.emit(f"Row {row + 1}, {COLUMNS[_KEYS[column]]}: {problem}" if problem else "")
+        self.complained.emit(f"Row {row + 1}, {_KEYS[column].replace('_', ' ')}: {problem}" if problem else "")
         if not problem:
             self.draft.parts[row][_KEYS[column]] = cell_value(text)
             self.edited.emit()
@@ -142,7 +142,7 @@ class PlanTableView(QTableWidget):
         if self._filling or item is None or column >= len(_KEYS):
             return
         problem = self._problem(column, item.text())
-        self.complained.emit(f"Row {row + 1}, {COLUMNS[_KEYS[column]]}: {problem}" if problem else "")
+        self.complained.emit(f"Row {row + 1}, {_KEYS[column].replace('_', ' ')}: {problem}" if problem else "")
         if problem:
             self.wrong.add((row, column))
             item.setToolTip(problem)

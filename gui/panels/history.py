@@ -40,12 +40,13 @@ class HistoryPanel(Panel):
         self.plots: list[Any] = []
         for row, name in enumerate(_ROWS):
             plot = self.graphics.addPlot(row=row, col=0)
+            for side in ("left", "bottom"):
+                plot.getAxis(side).enableAutoSIPrefix(False)
             plot.setLabel("left", name)
             plot.showGrid(x=True, y=True, alpha=0.15)
             plot.setMenuEnabled(False)
             plot.hideButtons()
             plot.getAxis("left").setWidth(72)
-            plot.getAxis("left").enableAutoSIPrefix(False)
             if self.plots:
                 plot.setXLink(self.plots[0])
             self.plots.append(plot)
@@ -108,6 +109,9 @@ class HistoryPanel(Panel):
         self.lines[0].setData(hours, [1e3 * each.dark for each in health])
         self.lines[1].setData(hours, [100 * each.noise for each in health])
         self.lines[2].setData(hours, [words.decades(each.gain) for each in health])
+        known = [*x, *hours[:1], *hours[-1:]]
+        if known:
+            self.plots[0].setXRange(min(known), max(max(known), min(known) + 0.01), padding=0.03)
 
     def _point_at(self, position: Any) -> None:
         for row, plot in enumerate(self.plots):

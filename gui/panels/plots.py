@@ -125,6 +125,8 @@ class PlotsPanel(Panel):
             plot.setMenuEnabled(False)
             plot.hideButtons()
             plot.getAxis("left").setWidth(72)
+            for side in ("left", "bottom"):
+                plot.getAxis(side).enableAutoSIPrefix(False)
             plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
         self.t_plot.addItem(self.missing, ignoreBounds=True)
         self._by_hand = False
@@ -150,7 +152,6 @@ class PlotsPanel(Panel):
         self._surface = pg.mkBrush(theme.surface)
         self._below_changed(draw=False)
         self.t_plot.setLabel("bottom", "sensor zenith (°)", **label)
-        self.brf_plot.getAxis("left").enableAutoSIPrefix(False)
         for band, colour in zip(self.t_bands, (theme.band_outer, theme.band_inner), strict=True):
             band.setBrush(pg.mkBrush(colour))
             for line in band.lines:

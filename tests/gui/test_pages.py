@@ -174,7 +174,7 @@ def test_a_value_beyond_an_arm_is_marked_while_it_is_typed(
     editor.selectAll()
     qtbot.keyClicks(editor, "0, 95")
     assert editor.property("wrong")
-    assert setup.problem.text() == "Row 1, Sensor zenith (°): found 95 °; expected -90 to 90 °"
+    assert setup.problem.text() == "Row 1, sensor zenith: found 95 °; expected -90 to 90 °"
     assert not setup.start.isEnabled()
     qtbot.keyClick(editor, Qt.Key.Key_Backspace)  # 0, 9
     assert not editor.property("wrong")
