@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from instrument.__main__ import main
 from instrument.facility import UNKNOWN_FACILITY
 from instrument.plan import read_plan
 from sim_fixtures.examples import example_files
+from twin import cluster
 from twin.design import command, pattern
 from twin.design.scan_plan import write_plan
 
@@ -63,6 +65,27 @@ def test_pattern_and_plan_of_an_artifact_alone(call, tmp_path) -> None:
     assert "name a --facility" in done.output or "needs a --facility" in done.output
 
 
+def sent(value):
+    return pickle.loads(pickle.dumps(value))  # noqa: S301 (our own)
+
+
+def test_candidates_are_judged_where_it_is_asked_for(call, tmp_path, monkeypatch) -> None:
+    """On a cluster or in processes: what is sent there, and what comes back, survives the way."""
+    asked = []
+
+    def elsewhere(function, items, *, address, workers, done):
+        asked.append((len(items), address, workers))
+        function, items = sent((function, items))
+        return [sent(function(item)) for item in items]
+
+    monkeypatch.setattr(cluster, "spread", elsewhere)
+    place = ("--dask", "tcp://host:8786", "--workers", "3")
+    done = call(ARTIFACT, *QUICK, "--planes", "1", "--out", tmp_path, *place)
+    assert done.status in (0, None), done.output
+    assert asked == [(1, "tcp://host:8786", 3)]
+    assert is_picture(tmp_path / "pattern.png")
+
+
 @pytest.mark.slow
 def test_sweep_with_a_facility(call, tmp_path, monkeypatch) -> None:
     settings = command._settings
@@ -105,7 +128,7 @@ def test_sweep_with_a_facility(call, tmp_path, monkeypatch) -> None:
     ],
 )
 def test_bad_input_is_explained_before_any_work(call, tmp_path, arguments, says, monkeypatch) -> None:
-    monkeypatch.setattr(command, "_judge", lambda *_: pytest.fail("work began"))
+    monkeypatch.setattr(command, "_judge_all", lambda *_: pytest.fail("work began"))
     done = call(ARTIFACT, *arguments, "--out", tmp_path / "out")
     assert done.status == 2
     assert done.output.startswith("goniotwin: ")

@@ -10,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from instrument.artifact import ArtifactDimensions
     from instrument.facility import Facility
+    from twin.design.candidates import Candidate
     from twin.design.study import Judgement, Settings
     from twin.material import Material
 
@@ -46,6 +47,15 @@ def design(
     ] = None,
     standard_error: Annotated[float, typer.Option(help="Relative Monte Carlo error of the patterns.")] = 0.01,
     seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine, for sweeps.")] = 1,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Judge on the Dask cluster whose scheduler is there (tcp://host:8786).",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Draw the hemispherical pattern of candidate artifacts under ideal light, judge them, and write a scan plan.
 
@@ -69,7 +79,7 @@ def design(
     _make_folder(out)
     json_file = json_file or out / "design.json"
     check_writable(json_file)
-    found = [_judge(candidate, known, surface, settings) for candidate in [*given, *swept]]
+    found = _judge_all([*given, *swept], known, surface, settings, {"workers": workers, "address": dask})
     _write(found, len(given), known, settings, out, json_file, facility is not None)
 
 
@@ -129,11 +139,20 @@ def _make_folder(out: Path) -> None:
         raise InputError(f"--out: {out}: cannot be made a folder: {error.strerror}") from None
 
 
-def _judge(candidate: Any, facility: Facility, material: Material, settings: Settings) -> Judgement:
+def _judge_all(
+    candidates: list[Candidate], facility: Facility, material: Material, settings: Settings, where: dict[str, Any]
+) -> list[Judgement]:
+    """Judge candidates here, in other processes or on a cluster; says how far it is."""
+    from functools import partial
+
+    from twin.cluster import spread
     from twin.design.study import judge
 
-    typer.echo(f"{candidate.name} ...", err=True)
-    return judge(candidate, facility, material, settings)
+    def tell(done: int) -> None:
+        typer.echo(f"{done} of {len(candidates)} candidates judged", err=True)
+
+    alone = partial(judge, facility=facility, material=material, settings=settings)
+    return spread(alone, candidates, done=tell, **where)
 
 
 def _write(
