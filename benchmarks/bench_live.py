@@ -44,14 +44,14 @@ WAYS: tuple[tuple[str, float, int | None], ...] = (
     ("refined to 0.1 %", 0.001, None),
 )
 _WARM_UP = 3
+PRIORITY = "nice level while points are timed: a negative one keeps others' work out of the wall time (needs the right)"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--points", type=int, default=40)
     parser.add_argument("--every", type=int, default=8, help="of the plan that is predicted again, so many points")
-    parser.add_argument("--priority", type=int, default=0, help="nice level while points are timed; negative ones keep"
-                        " others' work out of the wall time where a machine is busy, and need the right to")  # fmt: skip
+    parser.add_argument("--priority", type=int, default=0, help=PRIORITY)
     parser.add_argument("--write", action="store_true", help=f"put the tables into {DOCUMENT.name}")
     options = parser.parse_args()
     files = example_files()
@@ -63,7 +63,10 @@ def main() -> None:
     text = latency_table(files, points, asked, known.u, options.priority)
     text += kernel_table(state, points[:: options.every])
     busy = os.getloadavg()[0]
-    text = f"{machine()}; while this ran, {busy:.0f} threads wanted a core on average, its own included; points timed at nice level {options.priority}.\n\n{text}"
+    text = (
+        f"{machine()}; while this ran, {busy:.0f} threads wanted a core on average, its own included; points timed at"
+        f" nice level {options.priority}.\n\n{text}"
+    )
     print(text)
     if options.write:
         write(text, DOCUMENT)
