@@ -1,4 +1,4 @@
-"""Every way in which an arm fails a scan: a safe hold, nothing wrong in the record, and words that name arm and remedy."""
+"""Every way in which an arm fails a scan: a safe hold, a true record, and words that name arm and remedy."""
 
 from __future__ import annotations
 
@@ -75,18 +75,18 @@ def test_a_fault_of_a_drive_ends_in_a_safe_hold_and_the_run_goes_on_later(
 
 @pytest.mark.parametrize("name", AXES)
 @pytest.mark.parametrize(
-    ("fate", "told"),
+    ("fates", "told"),
     [
-        ("half", "stands still"),  # the drive claims arrival and stands somewhere else
-        ("hangs", "it has not arrived"),  # the drive claims to move and does not
-        ("ignored", "instead of moving"),  # twice: the new command has no effect either
+        (["half"], "stands still"),  # the drive claims arrival and stands somewhere else
+        (["hangs"] * 2, "it has not arrived"),  # the drive claims to move and does not
+        (["ignored"] * 2, "instead of moving"),  # twice: the new command has no effect either
     ],
 )
 def test_an_arm_that_stalls_or_lies_costs_points_and_never_a_wrong_one(
-    tmp_path: Path, name: str, fate: str, told: str
+    tmp_path: Path, name: str, fates: list[str], told: str
 ) -> None:
     s = scan(tmp_path)
-    strike_in_the_second_point(s, lambda: s.bench.axes[name].script.extend([fate, fate]))
+    strike_in_the_second_point(s, lambda: s.bench.axes[name].script.extend(fates))
     end = s.run()
     assert (end.outcome, end.done) == ("finished", 7)
     said = words(s, end.reason)
@@ -103,11 +103,11 @@ def test_an_arm_that_is_pushed_away_during_the_reading_is_no_point(tmp_path: Pat
     def pushed(samples: int) -> Reading:
         found = read(samples)
         if len(s.journal().points) == 1 and not s.journal().skipped:
-            arm._from = arm._to = arm.place() + 0.5
+            arm._from = arm._to = arm.place() + 0.5  # with the light, and once more in the dark
         return found
 
     s.bench.detector.read = pushed  # type: ignore[method-assign]
     end = s.run()
     assert (end.outcome, end.done) == ("finished", 7)
-    assert "sensor_zenith: it moved during the reading: it stands at 20.5000 instead of 20 degrees" in words(s, "")
+    assert "sensor_zenith: it moved during the reading: it stands at 21.0000 instead of 20 degrees" in words(s, "")
     assert_the_record_is_true(s, 8)
