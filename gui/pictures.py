@@ -7,6 +7,7 @@ a process of its own, as Qt reads it once.
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -41,12 +42,13 @@ def take_all(folder: Path, run: Path | None) -> int:
     """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="goniotwin-pictures-") as name:
-        if run is None:
-            run = _measure(Path(name))
+        home = Path(name)
+        run = _measure(home) if run is None else Path(shutil.copytree(run, home / "runs" / run.resolve().name))
         for scale in SCALES:
             environment = os.environ | {"QT_SCALE_FACTOR": str(scale), "QT_QPA_PLATFORM": "offscreen"}
-            command = [sys.executable, "-m", "gui.pictures", str(run), str(folder), str(scale)]
-            if subprocess.run(command, env=environment, check=False).returncode != 0:
+            where = [str(run.relative_to(home)), str(folder.absolute()), str(scale)]
+            command = [sys.executable, "-m", "gui.pictures", *where]
+            if subprocess.run(command, env=environment, cwd=home, check=False).returncode != 0:
                 return EXIT_INCOMPLETE
     for path in sorted(folder.glob("*.png")):
         print(f"written: {path}")

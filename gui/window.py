@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui import marks, pages, panels
+from gui import marks, pages, panels, words
 from gui import theme as themes
 from gui.bridge import Bridge
 from gui.comparison import score
@@ -392,8 +392,8 @@ class MainWindow(QMainWindow):
         plan = self.setup.plan
         parts = (self.model.title or (plan.name if plan else ""), self._laboratory, "goniotwin")
         self.setWindowTitle(" – ".join(part for part in parts if part))
-        where = f"Run folder {_short(self.model.run_dir)}" if self.model.run_dir else ""
-        ready = f"Plan {plan}" if plan else "" if self._plan_needed else "The laboratory's own plan"
+        where = f"Run folder {words.place(Path(self.model.run_dir))}" if self.model.run_dir else ""
+        ready = f"Plan {plan.name}" if plan else "" if self._plan_needed else "The laboratory's own plan"
         self.statusBar().showMessage(where or ready or "Open a plan to begin (Ctrl+O)")
 
     # Coming and going
@@ -477,9 +477,3 @@ class MainWindow(QMainWindow):
         self._settings.setValue("down", self.down.saveState())
         for page in self.pages:
             page.remember(self._settings)
-
-
-def _short(folder: str) -> str:
-    """A folder as seen from where the program was started, where it lies below."""
-    path = Path(folder)
-    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else folder

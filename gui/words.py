@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from math import isfinite, log10
+from pathlib import Path
 
 from gui.model import PlaneKey, Point
 
@@ -42,6 +43,15 @@ def gain(volts_per_ampere: float) -> str:
     if volts_per_ampere != 10.0**exponent:
         return f"{volts_per_ampere:.3g} V/A"
     return f"10{str(exponent).translate(_RAISED)} V/A"
+
+
+def place(path: Path) -> str:
+    """A path as seen from where the program was started, where it lies below; else from the home folder, or whole."""
+    path = path.absolute()
+    for base, prefix in ((Path.cwd(), ""), (Path.home(), "~/")):
+        if path.is_relative_to(base):
+            return f"{prefix}{path.relative_to(base)}"
+    return str(path)
 
 
 def duration(seconds: float) -> str:

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui import marks
+from gui import marks, words
 from gui.compare_window import CompareWindow
 from gui.model import Changes
 from gui.pages.base import Desk, Page, card, explained
@@ -166,7 +166,7 @@ class RunsPage(Page):
     def read(self) -> None:
         """Read the folder again, on a thread."""
         folder = self.desk.setup.runs
-        self.where.setText(f"{folder.resolve()}")
+        self.where.setText(words.place(folder))
         self._list.do(lambda: past_runs(folder))
 
     def _choose_folder(self) -> None:
@@ -181,8 +181,8 @@ class RunsPage(Page):
         self._fill()
 
     def _fill(self) -> None:
-        words = self.search.text().lower().split()
-        self._shown = [run for run in self.runs if all(word in _texts(run).lower() for word in words)]
+        wanted = self.search.text().lower().split()
+        self._shown = [run for run in self.runs if all(word in _texts(run).lower() for word in wanted)]
         self.table.setRowCount(len(self._shown))
         for row, run in enumerate(self._shown):
             for column, text in enumerate(_row(run)):

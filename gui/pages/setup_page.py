@@ -262,7 +262,10 @@ class SetupPage(Page):
 
     def _show_where(self) -> None:
         path = self.draft.path
-        name = f"{path.name}, in {path.parent}" if path else "not saved yet"
+        home = (
+            "the simulated laboratory's own" if self._is_example() else f"in {words.place(path.parent)}" if path else ""
+        )
+        name = f"{path.name}, {home}" if path else "not saved yet"
         self.where.setText(name + (" (changed)" if self._dirty else ""))
         self.desk.setup.unsaved = self._dirty
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from gui import marks
+from gui import marks, words
 from gui.model import Changes
 from gui.pages.base import Desk, Page, card, scrolled
 from gui.panels.base import quiet
@@ -62,10 +62,10 @@ class StartPage(Page):
         self.change.setMinimumHeight(44)
         self.change.clicked.connect(lambda: self.go.emit("setup"))
         row = QHBoxLayout()
-        words = QVBoxLayout()
-        words.addWidget(self.heading)
-        words.addWidget(self.text)
-        row.addLayout(words, 1)
+        texts = QVBoxLayout()
+        texts.addWidget(self.heading)
+        texts.addWidget(self.text)
+        row.addLayout(texts, 1)
         row.addWidget(self.change)
         row.addWidget(self.begin)
         body.addLayout(row)
@@ -122,7 +122,7 @@ class StartPage(Page):
             self._rows.append(self._row(run, resume=False))
             self._last.addWidget(self._rows[-1])
         if not runs:
-            self._rows.append(quiet(f"No runs in {self.desk.setup.runs.resolve()} yet."))
+            self._rows.append(quiet(f"No runs in {words.place(self.desk.setup.runs)} yet."))
             self._last.addWidget(self._rows[-1])
 
     def _row(self, run: PastRun, *, resume: bool) -> QWidget:

@@ -111,7 +111,7 @@ class HistoryPanel(Panel):
         self.lines[2].setData(hours, [words.decades(each.gain) for each in health])
         known = [*x, *hours[:1], *hours[-1:]]
         if known:
-            self.plots[0].setXRange(min(known), max(max(known), min(known) + 0.01), padding=0.03)
+            self.plots[0].setXRange(min(known), max(*known, min(known) + 0.01), padding=0.03)
 
     def _point_at(self, position: Any) -> None:
         for row, plot in enumerate(self.plots):
