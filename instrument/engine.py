@@ -224,6 +224,7 @@ class ScanEngine:
             station.rest()
             if not self._job.settings.emission_while_mounting:
                 station.light.off()
+                station.zero_monitor()
             self._steps.mount(what)
 
         self._report.to(S.MOUNTING, f"{what} to be put on the stage")

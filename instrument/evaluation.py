@@ -12,6 +12,7 @@ from instrument.calibration import Photocurrent, brf_from_readings, calibration_
 from instrument.errors import InputError
 from instrument.events import Geometry
 from instrument.facility import Facility
+from instrument.monitor import normalised
 from instrument.quality.slopes import ANGLES, AngleTerm, Slope, angle_terms
 from instrument.reference_standard import at_wavelength
 
@@ -28,6 +29,7 @@ class Evaluator:
         self._facility, self._points = facility, points
         self._references: list[dict[str, Any]] = []
         self._per_ampere: dict[Geometry, float] = {}
+        self._monitored = False
         #: Relative angle terms by row, as far as the flux alone tells them: neighbours are not measured yet.
         self._flux_terms: dict[Geometry, dict[str, float]] = {}
 
@@ -52,6 +54,8 @@ class Evaluator:
         noise = budget.measurement_noise == "samples"
         dark = [record["dark_signal"]] if noise and record.get("dark_signal") else None
         reading = photocurrent([record["signal"]], [record["dark"]], [record["gain"]], dark)
+        if self._monitored and "monitor" in record:
+            reading = normalised(reading, np.array([record["monitor"]]))
         brf = self._per_ampere[geometry] * float(reading.current[0])
         found = {row: brf * share for row, share in self._flux_terms[geometry].items()}
         if noise:
@@ -78,13 +82,18 @@ class Evaluator:
             [point.sensor_azimuth for point in points],
             one_ampere,
             [reading["geometry"].sensor_azimuth for reading in readings],
-            photocurrent(*([reading[key] for reading in readings] for key in ("signal", "dark", "gain"))),
+            self._reference_current(readings),
             illumination_azimuth=[point.illumination_azimuth for point in points],
         )
         self._per_ampere.update(zip(points, calibrated.brf.tolist(), strict=True))
         terms = {row: term.signed.tolist() for row, term in self._angle_terms(points).items()}
         for number, point in enumerate(points):
             self._flux_terms[point] = {row: values[number] for row, values in terms.items()}
+
+    def _reference_current(self, readings: Sequence[Mapping[str, Any]]) -> Photocurrent:
+        current = photocurrent(*([reading[key] for reading in readings] for key in ("signal", "dark", "gain")))
+        self._monitored = all("monitor" in reading for reading in readings)
+        return normalised(current, np.array([r["monitor"] for r in readings]) if self._monitored else None)
 
     def _angle_terms(self, points: Sequence[Geometry]) -> dict[str, AngleTerm]:
         names = (*ANGLES, "illumination_azimuth")

@@ -17,6 +17,7 @@ from instrument.errors import InputError
 from instrument.facility import Facility
 from instrument.forms import parse_form, parse_toml
 from instrument.journal import JournalContent, read_journal
+from instrument.monitor import normalised
 from instrument.quality.bursts import MOST, SIGNIFICANCE, outliers
 from instrument.reference_standard import at_wavelength, described_reference
 from instrument.run_axes import STAGES, channels, extra_coordinates, polarization_column
@@ -74,6 +75,10 @@ def build_run(
     if repeated.any() or facility.reference.repeat_minutes > 0:
         meaning = {"long_name": "1 where the reading belongs to a reference repeated on schedule"}
         dataset["reference_repeated"] = ("reference", repeated, meaning)
+    if all("monitor" in record for record in (*rows, *references)):
+        meaning = {"units": "V", "long_name": "monitor photodiode during the samples; brf is normalised with it"}
+        for name, dimension, records in (("monitor", "point", rows), ("reference_monitor", "reference", references)):
+            dataset[name] = (dimension, _column(records, "monitor"), meaning)
     _calibrate(dataset, facility)
     _count_outliers(dataset)
     add_budget(dataset, facility)
@@ -235,7 +240,8 @@ def _calibrate(dataset: xr.Dataset, facility: Facility) -> None:
 def _photocurrent(dataset: xr.Dataset, of: str) -> Photocurrent:
     dark = dataset[f"{of}dark_signal"].values if f"{of}dark_signal" in dataset else None
     signal, mean_dark, gain = (dataset[f"{of}{name}"].values for name in ("signal", "dark", "gain"))
-    return photocurrent(signal, mean_dark, gain, dark)
+    reading = photocurrent(signal, mean_dark, gain, dark)
+    return normalised(reading, dataset[f"{of}monitor"].values if "monitor" in dataset else None)
 
 
 def _count_outliers(dataset: xr.Dataset) -> None:

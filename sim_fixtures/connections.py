@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,15 @@ def write_alternative(path: Path, ports: Mapping[str, str], meter: int, speed: f
         "devices": arms | _stages(ports, facility) | _optics() | _detection(),
     }
     path.write_text("# The simulated laboratory, its arms on an ESP301.\n" + tomli_w.dumps(form), encoding="utf-8")
+
+
+def add_monitor(devices: Path, path: Path, port: int) -> None:
+    """Write connections anew with a monitor photodiode whose meter answers at a TCP port of the loopback interface."""
+    form = tomllib.loads(devices.read_text(encoding="utf-8"))
+    form["lines"]["monitor"] = form["lines"]["meter"] | {"resource": f"TCPIP0::127.0.0.1::{port}::SOCKET"}
+    form["devices"]["monitor"] = form["devices"]["detector"] | {"line": "monitor"}
+    text = "# The simulated laboratory with a monitor photodiode.\n" + tomli_w.dumps(form)
+    path.write_text(text, encoding="utf-8")
 
 
 def _lines(ports: Mapping[str, str], meter: int) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from instrument.facility import read_facility
 from instrument.laboratories import Inputs
 from instrument.operators import Mounted
 from instrument.prompts import Prompt
-from sim_fixtures.connections import write_alternative, write_devices
+from sim_fixtures.connections import add_monitor, write_alternative, write_devices
 from sim_fixtures.control import ControlClient
 
 #: Wall-clock seconds within which the process must answer; a first start compiles the optical model.
@@ -138,6 +138,7 @@ def start_simulated(
         endpoints = _wait_until_ready(process, folder / _LOG)
         for name, write in (("devices.toml", write_devices), ("devices-esp301.toml", write_alternative)):
             write(folder / name, endpoints["ports"], endpoints["meter"], speed, instrument)
+        add_monitor(folder / "devices.toml", folder / "devices-monitor.toml", endpoints["monitor"])
         return SimulatedLaboratory(inputs, process, endpoints)
     except BaseException:
         end_process(process)

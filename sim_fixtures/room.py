@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sim_fixtures.bench import Bench
+from sim_fixtures.bench import Bench, MonitorBench
 from sim_fixtures.devices.faults import Faults, changed_digit
 from sim_fixtures.devices.keysight_34465a import Multimeter
 from sim_fixtures.devices.modbus_io import IoModule
@@ -60,10 +60,11 @@ LINE_OF_ROLE = {
 
 @dataclass(frozen=True)
 class Endpoints:
-    """Where the devices answer: pseudo-terminals by line, and the TCP port of the multimeter."""
+    """Where the devices answer: pseudo-terminals by line, and the TCP ports of multimeter and monitor photodiode."""
 
     ports: dict[str, Path]
     meter: int
+    monitor: int
 
 
 class Room:
@@ -102,7 +103,9 @@ class Room:
             ModbusLine(self._lines["io"], [self._io.slave]),
         ]
         self._meter = ScpiServer(Multimeter(bench))
-        self.endpoints = Endpoints({name: line.link for name, line in self._lines.items()}, self._meter.port)
+        self._monitor = ScpiServer(Multimeter(MonitorBench(bench)))
+        links = {name: line.link for name, line in self._lines.items()}
+        self.endpoints = Endpoints(links, self._meter.port, self._monitor.port)
         self._actions: dict[str, Callable[..., Any]] = {
             "mount": self._mount,
             "state": bench.state,
@@ -169,6 +172,7 @@ class Room:
     def close(self) -> None:
         """End every server."""
         self._meter.close()
+        self._monitor.close()
         for line in self._lines.values():
             line.close()
         for server in self._modbus:

@@ -1,6 +1,6 @@
 """Process of the simulated laboratory: ``python -m sim_fixtures.serve --folder DIR ...``.
 
-Prints one line of JSON once every device answers: ``{"ports": {...}, "meter": PORT, "control": PORT}``. Ends when
+Prints one line of JSON once every device answers: ``{"ports": {...}, "meter": PORT, ... "control": PORT}``. Ends when
 its standard input is closed or its parent has gone, so that it never outlives the program that started it.
 """
 
@@ -38,7 +38,8 @@ def main(arguments: list[str] | None = None) -> None:
     control = ControlServer(room)
     endpoints = room.endpoints
     ports = {name: str(path) for name, path in endpoints.ports.items()}
-    print(json.dumps({"ports": ports, "meter": endpoints.meter, "control": control.port}), flush=True)
+    meters = {"meter": endpoints.meter, "monitor": endpoints.monitor}
+    print(json.dumps({"ports": ports, **meters, "control": control.port}), flush=True)
     while not ended.wait(_WATCH) and os.getppid() == parent:
         pass
     control.close()

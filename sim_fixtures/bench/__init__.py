@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sim_fixtures.bench.bench import AXES, Bench
+from sim_fixtures.bench.bench import AXES, Bench, MonitorBench
 from sim_fixtures.bench.clock import BenchClock, ManualClock
 from sim_fixtures.bench.flux import FluxFunction, lambertian_flux
 
-__all__ = ["AXES", "Bench", "BenchClock", "FluxFunction", "ManualClock", "lambertian_flux"]
+__all__ = ["AXES", "Bench", "BenchClock", "FluxFunction", "ManualClock", "MonitorBench", "lambertian_flux"]

@@ -33,6 +33,8 @@ _PARKED = {
     "sample_rotation": 3.0,
     "polarizer": 5.0,
 }
+#: Of the monitor photodiode: volts at nominal power, and in the dark.
+MONITOR_VOLTS, MONITOR_OFFSET = 2.0, 0.003
 #: Limit switches lie this far outside the range of use, degree.
 _MARGIN = 5.0
 
@@ -136,6 +138,12 @@ class Bench:
             moments.append(self.snapshot())
         return [self._voltage(moment) for moment in moments]
 
+    def monitor_volts(self) -> float:
+        """What a photodiode beside the beam reads, before filter and shutter: it knows the source's power only."""
+        with self.lock:
+            power = self.source.power * self._brightness() if self.source.emitting() else 0.0
+            return MONITOR_VOLTS * power / self.electronics.nominal_power + MONITOR_OFFSET
+
     def snapshot(self) -> Snapshot:
         """The state that decides a reading now."""
         with self.lock:
@@ -224,6 +232,24 @@ class Bench:
         linear = self.troubles.response(current * moment.gain) / moment.gain
         readout = self.electronics.readout_noise * additive + moment.leak
         return output_voltage(linear, moment.gain, self.electronics, readout)
+
+
+class MonitorBench:
+    """The bench as the meter of the monitor photodiode sees it."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.clock = bench.clock
+        self._bench = bench
+
+    def measure(self, count: int, integration: float, cancelled: threading.Event | None = None) -> list[float]:
+        """Readings of the monitor, one after the other; see :meth:`Bench.measure`."""
+        begin, volts = self.clock.now(), []
+        for number in range(count):
+            self.clock.wait_until(begin + (number + 1) * integration, cancelled)
+            if cancelled is not None and cancelled.is_set():
+                break
+            volts.append(self._bench.monitor_volts())
+        return volts
 
 
 def _design(name: str, facility: Facility) -> AxisDesign:

@@ -11,7 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from sim_fixtures.bench import Bench
+from sim_fixtures.bench import Bench, MonitorBench
 from sim_fixtures.devices.keysight_settings import KeptSettings
 
 IDENTITY = "Keysight Technologies,34465A,MY00000000,A.03.00-03.15-03.00-00.52-02-01"
@@ -92,7 +92,7 @@ _KEYWORDS = _abbreviations()
 class Burst(threading.Thread):
     """A measurement under way."""
 
-    def __init__(self, bench: Bench, count: int, integration: float, delay: float) -> None:
+    def __init__(self, bench: Bench | MonitorBench, count: int, integration: float, delay: float) -> None:
         super().__init__(name="meter burst", daemon=True)
         self.triggered = threading.Event()
         self.cancelled = threading.Event()
@@ -136,7 +136,7 @@ class Multimeter:
         Hz, of the mains; an integration time is so many of its periods.
     """
 
-    def __init__(self, bench: Bench, line_frequency: float = 50.0) -> None:
+    def __init__(self, bench: Bench | MonitorBench, line_frequency: float = 50.0) -> None:
         self._bench, self._line_frequency = bench, line_frequency
         self._errors: deque[int] = deque()
         self._burst: Burst | None = None
