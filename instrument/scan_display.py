@@ -48,9 +48,11 @@ def point_line(measured: PointMeasured, prediction: dict[str, float] | None, tot
 
 
 def _where(geometry: Geometry) -> str:
+    turned = f"  turned {geometry.sample_rotation:+6.1f}" if geometry.sample_rotation else ""
+    polarised = f"  {geometry.polarization}" if geometry.polarization else ""
     return (
         f"{geometry.wavelength:6.1f} nm  ill {geometry.illumination_zenith:+5.1f}"
-        f"  azimuth {geometry.sensor_azimuth:5.1f}  zenith {geometry.sensor_zenith:+6.1f}"
+        f"  azimuth {geometry.sensor_azimuth:5.1f}  zenith {geometry.sensor_zenith:+6.1f}{turned}{polarised}"
     )
 
 
