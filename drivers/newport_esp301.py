@@ -255,6 +255,19 @@ class NewportEsp301:
             self._faults = ()
             self._command("MO")
 
+    def set_enabled(self, on: bool) -> None:
+        """Motor on (``MO``) or off (``MF``): off, the arm may be turned by hand, and has to be homed afterwards.
+
+        Raises
+        ------
+        CommandRefused
+            If the arm moves.
+        """
+        with self._line.transaction(self.name):
+            if not self._standing():
+                raise CommandRefused(self.name, "cannot be switched while it moves", "stop it")
+            self._command("MO" if on else "MF")
+
     def close(self) -> None:
         """Release the wire."""
         self._line.release(self.name)

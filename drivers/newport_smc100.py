@@ -165,6 +165,22 @@ class NewportSmc100:
             if self._state().code in DISABLED:
                 self._command("MM1")
 
+    def set_enabled(self, on: bool) -> None:
+        """Motor current on (``MM1``) or off (``MM0``): without it the arm may be turned by hand. Its zero is kept.
+
+        Raises
+        ------
+        CommandRefused
+            If the axis is neither ready nor disabled.
+        """
+        with self._line.transaction(self.name):
+            code = self._state().code
+            if code not in (DISABLED if on else READY):
+                if code in (READY if on else DISABLED):
+                    return
+                raise CommandRefused(self.name, f"cannot be switched while {STATES.get(code, code)}", "stop or home it")
+            self._command("MM1" if on else "MM0")
+
     def reset(self) -> None:
         """Restart the controller (``RS``): it forgets its zero and has to be homed; takes some seconds."""
         self._send("RS")

@@ -64,7 +64,7 @@ class AzForm(ArmForm):
         Fraction of the rated motor current.
     word_order
         Of 32-bit values: ``big`` (high word at the lower address) or ``little``, as the drive is set up.
-    zhome_bit, stop_bit
+    zhome_bit, stop_bit, free_bit
         Bits of the remote I/O input word 007Dh, which a drive may have re-assigned.
     """
 
@@ -74,6 +74,7 @@ class AzForm(ArmForm):
     word_order: Literal["big", "little"] = "big"
     zhome_bit: Annotated[int, Field(ge=0, le=15)] = 4
     stop_bit: Annotated[int, Field(ge=0, le=15)] = 5
+    free_bit: Annotated[int, Field(ge=0, le=15)] = 6
 
     def claims(self) -> list[tuple[str, str]]:
         """The drive."""
@@ -182,6 +183,20 @@ class OrientalAz:
         """Reset an alarm whose cause is gone; some need the drive's power to be switched."""
         for value in (0, 1):
             self._line.write_registers(self.name, self._options.address, ALARM_RESET, self._words(value))
+
+    def set_enabled(self, on: bool) -> None:
+        """Excitation on or off (FREE): off, the arm may be turned by hand; the next command excites it again.
+
+        Raises
+        ------
+        CommandRefused
+            If the arm moves.
+        """
+        with self._line.transaction(self.name):
+            if self._read(STATUS_WORDS, 2)[1] & MOVE:
+                raise CommandRefused(self.name, "cannot be switched while it moves", "stop it")
+            word = 0 if on else 1 << self._options.free_bit
+            self._line.write_register(self.name, self._options.address, REMOTE_INPUT, word)
 
     def close(self) -> None:
         """Release the wire."""

@@ -146,3 +146,11 @@ def test_a_move_of_unknown_fate_is_stopped_and_not_sent_again(converse: Converse
         axis.status()
         with pytest.raises(CommunicationError, match=r"PA: no reply.*the axis was stopped; it is standing"):
             axis.start_move(30.0)
+
+
+def test_the_motor_is_switched_only_where_the_arm_stands(converse: Converse) -> None:
+    peer = converse(ask("MD?", "1"), NO_ERROR, tell("MF"), NO_ERROR, ask("MD?", "0"))
+    with axis_on(peer) as axis:
+        axis.set_enabled(False)
+        with pytest.raises(CommandRefused, match="while it moves"):
+            axis.set_enabled(True)

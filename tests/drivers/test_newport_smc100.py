@@ -262,3 +262,21 @@ def test_two_controllers_share_one_line(converse: Converse) -> None:
     second.close()
     with pytest.raises(CommunicationError, match="b: line 'arms' is closed"):
         second.position()
+
+
+def test_the_motor_current_is_switched_only_where_the_arm_stands(converse: Converse) -> None:
+    peer = converse(
+        READY, *command("MM0"), ask("TS", "00003C"), ask("TS", "00003C"), *command("MM1"), ask("TS", "000028")
+    )
+    with axis_on(peer) as axis:
+        axis.set_enabled(False)
+        axis.set_enabled(False)
+        axis.set_enabled(True)
+        with pytest.raises(CommandRefused, match="cannot be switched while moving"):
+            axis.set_enabled(False)
+
+
+def test_two_controllers_at_one_address_are_refused(converse: Converse) -> None:
+    peer = converse((b"1VE\r\n", b"1VE SMC100CC 1.2.1\r\n1VE SMC100PP 1.0\r\n"))
+    with axis_on(peer) as axis, pytest.raises(CommandRefused, match="2 controllers answer at address 1"):
+        axis.identify()

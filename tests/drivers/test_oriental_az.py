@@ -240,3 +240,12 @@ def test_32_bit_values_survive_their_registers(value: int, order: Any) -> None:
 def test_a_value_that_does_not_fit_is_refused(value: int) -> None:
     with pytest.raises(OverflowError):
         words(value)
+
+
+def test_excitation_is_a_bit_that_stays(converse: Converse) -> None:
+    free, hold = rtu("01 06 00 7D 00 40"), rtu("01 06 00 7D 00 00")
+    with axis_on(converse(status(), (free, free), status(), (hold, hold), status(MOVE))) as axis:
+        axis.set_enabled(False)
+        axis.set_enabled(True)
+        with pytest.raises(CommandRefused, match="while it moves"):
+            axis.set_enabled(False)
