@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from twin.diagnosis.trial import Score, Truth
 
 
+#: Columns of a printed table that goes into a file.
+_FILE_WIDTH = 150
+
+
 def blind_check(
     cases: Annotated[int, typer.Option(min=4, help="Number of cases to make.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Of the cases.")] = 1,
@@ -149,10 +153,13 @@ def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], json: Pa
 
     scores = [score(name, truths[name], diagnosis) for name, diagnosis in found.items() if name in truths]
     console = Console()
+    if not console.is_terminal:
+        # A file has no width of its own; rows of a table should stay in one line.
+        console = Console(width=_FILE_WIDTH)
     console.print(_cases_table(scores))
-    tables = summary(scores)
+    tables = {title: rows for title, rows in summary(scores).items() if any(row.trials for row in rows)}
     for title, rows in tables.items():
-        table = Table("", "share [95 %]", title=title)
+        table = Table("", "share [95 %]", title=title, title_justify="left")
         for row in rows:
             if row.trials:
                 table.add_row(row.label, row.text())
