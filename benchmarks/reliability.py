@@ -54,11 +54,22 @@ def _chosen(options: argparse.Namespace, folder: Path) -> dict[str, Callable[[],
         "kill": lambda: kill_trial(folder, options.trials),
         "cut": lambda: cut_trial(folder, options.every),
         "disk": lambda: disk_trial(folder, max(options.trials // 5, 1)),
-        "wires": lambda: wire_trial(folder / "wires", max(options.trials // 12, 1)),
+        "wires": lambda: _wires(options, folder / "wires"),
         "faults": lambda: _faults(options, folder / "faults"),
         "soak": lambda: soak_trial(_made(folder / "soak"), options.points),
     }
     return {name: known[name] for name in TRIALS if name in (options.trial or TRIALS)}
+
+
+def _wires(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Kill scans on wires, or go on where an earlier trial ended."""
+    before = _results().get("wires") if options.missing else None
+    runs = max(options.trials // 12, 1) - (before["trials"] if before else 0)
+
+    def keep(found: dict[str, Any]) -> None:
+        RESULTS.write_text(json.dumps(_results() | {"wires": found | _today()}, indent=1) + "\n")
+
+    return wire_trial(folder, runs, before, keep)
 
 
 def _faults(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
@@ -105,11 +116,20 @@ def _dated(trial: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     result = trial()
     now = os.times()
     spent = sum(now[:4]) - sum(cpu[:4])
-    return result | {
+    return (
+        result
+        | _today()
+        | {
+            "wall_s": round(time.monotonic() - began, 1),
+            "cpu_s": round(spent, 1),
+        }
+    )
+
+
+def _today() -> dict[str, str]:
+    return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
-        "wall_s": round(time.monotonic() - began, 1),
-        "cpu_s": round(spent, 1),
     }
 
 
@@ -121,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--every", type=int, default=1, help="bytes between the cuts of the journal")
     parser.add_argument("--points", type=int, default=100_000, help="of the long scan")
     parser.add_argument("--folder", type=Path, default=None, help="where the runs go meanwhile")
-    parser.add_argument("--missing", action="store_true", help="faults: only those without a result, or a wrong one")
+    parser.add_argument("--missing", action="store_true", help="go on: faults without a right result, scans on wires")
     parser.add_argument("--only", default="", help="faults: only those whose 'device: name' contains this")
     parser.add_argument("--verbose", action="store_true", help="print every fault's outcome")
     return parser

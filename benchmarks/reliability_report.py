@@ -12,7 +12,8 @@ a trial that anyone can repeat:
 
 ```sh
 make reliability                                   # all trials
-.venv/bin/python benchmarks/reliability.py kill    # one of: kill cut disk faults soak
+.venv/bin/python benchmarks/reliability.py kill    # one of: kill cut disk wires faults soak
+.venv/bin/python benchmarks/reliability.py faults wires --missing    # go on where a trial was cut short
 ```
 
 `tests/instrument/test_reliability.py` runs a reduced number of the same trials with every test run. Results are kept in
@@ -87,9 +88,11 @@ def _faults(result: dict[str, Any]) -> str:
         "## Faults of devices",
         "",
         "Eight points on the simulated laboratory, its devices in a process of their own, reached by the drivers over",
-        "pseudo-terminals and TCP. The fault strikes when the second point begins. At every point the record is",
-        "compared with where the arms truly stand; motion commands are counted where the devices receive them, against",
-        "those the scan intended; at the end emission, shutter and arms are looked at.",
+        "pseudo-terminals and TCP. The fault strikes after the second point has begun: as the device is next used, or",
+        "once the arm moves. At every point the record is compared with where the arms truly stand; motion commands are",
+        "counted where the devices receive them, against those that the scan gave to the drivers; at the end emission,",
+        "shutter and arms are looked at. A point may be lost only to an arm that stalls or is misled, and to a device",
+        "that says that it has failed; a drive's alarm or limit switch ends the scan, and the run is resumed later.",
         "",
         f"{len(rows)} faults of the {result.get('of', len(rows))} in the list, {wrong} with anything wrong",
         f"({result['date']}; {result['machine']}).",

@@ -10,6 +10,7 @@ import json
 import os
 import random
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from reliability_crash import forked, killed, status_of
 from reliability_faults import CLOSE, PLAN
 from reliability_list import AXES
 
+from drivers.configuration import planned, read_devices
 from instrument.events import Event, PointMeasured
 from instrument.journal import JOURNAL_NAME, read_journal
 from instrument.session import ScanRequest, ScanSession
@@ -25,7 +27,8 @@ from instrument.settings import ScanSettings
 from sim_fixtures.control import ControlClient
 from sim_fixtures.laboratory import SimulatedLaboratory, SimulatedOperator, start_simulated
 
-SPEED = 200.0
+#: Slow enough that some kills meet an arm under way.
+SPEED = 50.0
 #: Wall-clock s after which the source goes dark by itself, and the extra that a busy machine gets.
 WATCHDOG, PATIENCE = 2, 1.0
 SETTINGS = ScanSettings(dwell=5.0, keep_alive_wall=0.5, look_wall=0.5, relight="self", disk_reserve=0.0)
@@ -35,22 +38,33 @@ ALIKE = 0.02
 LIED = 5
 
 
-def wire_trial(folder: Path, runs: int, seed: int = 3, most_kills: int = 2) -> dict[str, Any]:
+def wire_trial(
+    folder: Path,
+    runs: int,
+    before: dict[str, Any] | None = None,
+    keep: Callable[[dict[str, Any]], None] = lambda _: None,
+    most_kills: int = 2,
+) -> dict[str, Any]:
     """Kill scans, look at the laboratory that is left alone, and let them finish.
 
     Parameters
     ----------
     runs, most_kills
         Scans, and how often each is killed at most.
+    before
+        What earlier scans have shown: these are added.
+    keep
+        Gets what is known after each scan, so that a trial that is cut short keeps it.
     """
-    draw = random.Random(seed)
-    found: dict[str, Any] = {"trials": runs, "watchdog_s": WATCHDOG, "wrong": []}
-    found |= {"kills": 0, "emitting": 0, "moving": 0, "dark_after_s": 0.0}
+    found: dict[str, Any] = before or {"trials": 0, "watchdog_s": WATCHDOG, "wrong": []}
+    found = {"kills": 0, "emitting": 0, "moving": 0, "dark_after_s": 0.0, **found}
+    draw = random.Random(3 + found["trials"])
     folder.mkdir(parents=True)
     (folder / "plan.toml").write_text(PLAN)
     (folder / "laboratory").mkdir()
     with start_simulated(folder / "laboratory", speed=SPEED, flux="lambertian") as laboratory:
         _quicken(laboratory)
+        planned(read_devices(laboratory.inputs.devices))  # loads the drivers once, for every child
         began = time.monotonic()
         status = _end(folder / "whole", folder, laboratory)
         took = time.monotonic() - began
@@ -63,6 +77,8 @@ def wire_trial(folder: Path, runs: int, seed: int = 3, most_kills: int = 2) -> d
                 if not _kill(run, folder, laboratory, draw.uniform(0.3, took), found):
                     break
             _finish(run, folder, laboratory, expected, found["wrong"])
+            found["trials"] += 1
+            keep(found)
     return found
 
 
@@ -94,7 +110,8 @@ def _finish(
     run: Path, folder: Path, laboratory: SimulatedLaboratory, expected: dict[int, float], wrong: list[str]
 ) -> None:
     if status := _end(run, folder, laboratory):
-        wrong.append(f"{run.name}: " + ("an arm was not where it was recorded" if status == LIED else "not finished"))
+        lied = status == LIED
+        wrong.append(f"{run.name}: " + ("an arm was not where it was recorded" if lied else _reason(run).read_text()))
         return
     state = laboratory.control("state")
     if state["emission"] or state["shutter_open"] or any(axis["moving"] for axis in state["axes"].values()):
@@ -126,6 +143,19 @@ def _end(run: Path, folder: Path, laboratory: SimulatedLaboratory) -> int:
 
 def _scan(run: Path, folder: Path, laboratory: SimulatedLaboratory) -> None:
     """Begin a scan or go on with it; every point is compared with where the arms truly stand."""
+    try:
+        _scanned(run, folder, laboratory)
+    except BaseException as error:
+        _reason(run).write_text(f"{type(error).__name__}: {error}")
+        raise
+
+
+def _reason(run: Path) -> Path:
+    """Where a scan leaves why it ended early."""
+    return run.with_suffix(".txt")
+
+
+def _scanned(run: Path, folder: Path, laboratory: SimulatedLaboratory) -> None:
     control = ControlClient(laboratory.endpoints["control"])
     devices, facility = laboratory.inputs.devices, laboratory.inputs.facility
     # A folder that was made without a single line of a journal holds no run yet.

@@ -16,6 +16,7 @@ from reliability_crash import cut_trial, disk_trial, kill_trial  # noqa: E402
 from reliability_faults import fault_trial, faults  # noqa: E402
 from reliability_report import write_report  # noqa: E402
 from reliability_soak import soak_trial  # noqa: E402
+from reliability_wires import wire_trial  # noqa: E402
 
 #: The children only scan and leave by ``os._exit``; a thread of the test runner is no part of that.
 pytestmark = pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
@@ -62,6 +63,29 @@ def test_a_fault_of_a_device_ends_as_it_should(tmp_path: Path, name: str, monkey
     (row,) = fault_trial(tmp_path, [chosen], lambda _: None)
     assert row["wrong"] == []
     assert row["on_the_wire"] <= row["intended"]
+
+
+@pytest.mark.slow
+def test_a_scan_killed_on_real_wires_leaves_a_dark_laboratory_and_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GONIOTWIN_LOCK_DIR", str(tmp_path / "locks"))
+    found = wire_trial(tmp_path / "wires", 1, most_kills=1)
+    assert found["wrong"] == []
+    assert found["kills"] == 1
+
+
+@pytest.mark.parametrize("family", ["SMC100", "ESP301", "AZ", "SuperK", "SELECT", "34465A", "FEMTO", "Modbus I/O"])
+def test_the_list_has_what_every_family_has_to_survive(family: str) -> None:
+    names = {fault.name for fault in faults() if fault.family == family}
+    assert {"one reply lost", "one request lost", "one reply late", "one reply garbled"} <= names
+    assert {"one reply in two pieces", "two replies in one", "cable out for ten seconds"} <= names
+    if family in ("SMC100", "AZ", "SuperK", "SELECT", "FEMTO", "Modbus I/O"):
+        assert "another unit answers" in names
+    if family in ("AZ", "FEMTO", "Modbus I/O"):
+        assert {"answered by the exception busy", "answered by the exception device failure"} <= names
+    if family in ("SMC100", "ESP301", "AZ"):
+        assert {"cable out for ten seconds in mid-move", "stall half-way", "alarm of the drive in mid-move"} <= names
 
 
 def test_the_page_says_what_the_results_say(tmp_path: Path) -> None:
