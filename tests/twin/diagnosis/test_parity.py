@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from instrument.column_mapping import read_mapped
+from instrument.facility import read_facility
+from instrument.plan import read_plan
 from twin.diagnosis.observation import Observation, observe
 from twin.diagnosis.parity import equal_pairs, parities, parity
+from twin.optics import geometry_columns
 
 SPECTRALON = Path(__file__).parents[4] / "shared/data/mastcamz_spectralon/20200313_mastcamz_spectralon.csv"
 MAPPING = """
@@ -99,6 +102,29 @@ def test_pairs_of_an_isotropic_sample_join_all_azimuths_at_normal_incidence():
     # The mirror alone leaves plane 0 as it is, folds plane 90 onto itself, and lays 45 on 135.
     straight_above, folded, laid = 3, 5, 10
     assert len(equal_pairs(run, symmetry="mirror")) == straight_above + folded + laid
+
+
+def orbit(light: float, zenith: float, azimuth: float) -> tuple[float, ...]:
+    """The same for directions that a square lattice makes equal: folded by hand, without a tree."""
+    if zenith < 0:
+        zenith, azimuth = -zenith, azimuth + 180
+    if zenith == 0:
+        return light, 0.0, 0.0
+    azimuth = min(azimuth % 360, -azimuth % 360)
+    if light == 0:
+        azimuth = min(azimuth % 90, -azimuth % 90)
+    return light, zenith, azimuth
+
+
+@pytest.mark.parametrize(("plan", "points", "pairs"), [("table_iv", 390, 198), ("table_iii", 652, 300)])
+def test_plans_of_the_paper_hold_so_many_pairs(plan: str, points: int, pairs: int):
+    """Each orbit of n directions has n - 1 pairs that do not follow from each other."""
+    examples = Path(__file__).parents[3] / "sim_fixtures" / "examples"
+    where = geometry_columns(read_plan(examples / f"{plan}.toml", read_facility(examples / "facility.toml")).points)
+    rows = zip(where["illumination_zenith"], where["sensor_zenith"], where["sensor_azimuth"], strict=True)
+    distinct = len({orbit(*map(float, row)) for row in rows})
+    run = Observation("plan", np.arange(points), where, np.ones(points), np.full(points, 0.01), {})
+    assert len(equal_pairs(run)) == points - distinct == pairs
 
 
 def test_a_run_without_equal_directions_says_so():

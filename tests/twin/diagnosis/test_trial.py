@@ -107,3 +107,12 @@ def test_kept_diagnoses_are_scored_against_a_file_of_labels(tmp_path):
         ("sound", True, None),
     ]
     assert [case["truth"]["family"] for case in cases] == ["slice", "global"]
+
+
+def test_an_interval_holds_the_truth_within_two_standard_uncertainties() -> None:
+    label = Truth.of({"effects": {"tilt": {"x_deg": 0.5, "y_deg": -0.2}}})
+    diagnosis = found("effects", ("tilt",))
+    diagnosis["effects"][0]["parameters"] = {"x_deg": {"value": 0.4, "u": 0.06}, "y_deg": {"value": 0.1, "u": 0.06}}
+    assert score("case", label, diagnosis).covered == (True, False)
+    diagnosis["effects"][0]["effect"] = "wedge"
+    assert score("case", label, diagnosis).covered == ()

@@ -1,0 +1,38 @@
+"""Numbers as they are said, and what was computed of suspected causes."""
+
+from __future__ import annotations
+
+import pytest
+
+from twin.diagnosis.followup import dimmed
+from twin.diagnosis.outcome import chance_of, with_u
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "said"),
+    [
+        (0.450099, 0.0824, ("0.450", "0.082")),
+        (0.450099, 0.0996, ("0.45", "0.10")),
+        (1234.56, 250.0, ("1230", "250")),
+        (-0.000123, 0.000045, ("-0.000123", "0.000045")),
+        (12.34, 1.0, ("12.3", "1.0")),
+        (0.5, 0.0, ("0.5", "0")),
+    ],
+)
+def test_value_has_the_digits_of_its_uncertainty(value: float, u: float, said: tuple[str, str]):
+    assert with_u(value, u) == said
+
+
+@pytest.mark.parametrize(
+    ("probability", "said"), [(1.0, "> 0.999"), (0.0, "< 0.001"), (0.9994, "0.999"), (0.0206, "0.021"), (0.5, "0.500")]
+)
+def test_no_probability_is_said_to_be_certain(probability: float, said: str):
+    assert chance_of(probability) == said
+
+
+def test_dimmed_light_weakens_a_nonlinearity_by_its_power_and_nothing_else():
+    import numpy as np
+
+    values = np.array([[0.08, 1.0], [0.08, 2.0], [0.08, 0.5]])
+    np.testing.assert_allclose(dimmed("detector_nonlinearity", values, 0.25)[:, 0], [0.02, 0.005, 0.04])
+    np.testing.assert_array_equal(dimmed("stray_light", values, 0.25), values)
