@@ -15,6 +15,7 @@ from instrument.angles import FloatArray
 from twin.corrections import Correction, Corrections
 from twin.diagnosis.diagnose import Diagnosis
 from twin.diagnosis.followup import unresolved
+from twin.diagnosis.unknown import RESPONSE_ERROR
 from twin.diagnosis.verdict import Named
 
 #: Effects that are listed in the ranking.
@@ -95,10 +96,15 @@ def chance_of(probability: float) -> str:
 
 
 def parameters(diagnosis: Diagnosis, named: Named) -> dict[str, dict[str, float]]:
-    """Refitted parameters with their standard uncertainties, and what the budget states of them."""
+    """Refitted parameters with their standard uncertainties, and what the budget states of them.
+
+    The uncertainty of a fit takes the twin's response to the effect for exact; what that is wrong by changes the
+    parameter in proportion.
+    """
     found = diagnosis.prepared.responses.found[named.effect].parameters
     return {
-        p.name: {"value": float(value), "u": float(u)} | ({"budget": p.budget} if p.budget > 0 else {})
+        p.name: {"value": float(value), "u": float(np.hypot(u, RESPONSE_ERROR * (value - p.nominal)))}
+        | ({"budget": p.budget} if p.budget > 0 else {})
         for p, value, u in zip(found, named.values, named.u, strict=True)
     }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any, Literal
 
@@ -13,6 +13,8 @@ Kind = Literal["none", "single", "double", "outside"]
 #: A wrong claim with more probability than this is a confident one.
 CONFIDENT = 0.9
 _LEVEL = 0.95
+#: Standard uncertainties on either side of a value within which the truth should lie so often.
+_COVERAGE = 1.96
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Truth:
         Points whose gap exceeds the uncertainty.
     gap
         Noise-free relative change of every point; empty where it is not known.
+    parameters
+        Of each effect; empty where they are not known.
     """
 
     effects: tuple[str, ...]
@@ -41,6 +45,7 @@ class Truth:
     family: str
     where: tuple[int, ...]
     gap: tuple[float, ...] = ()
+    parameters: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def kind(self) -> Kind:
@@ -52,14 +57,15 @@ class Truth:
     @classmethod
     def of(cls, label: Mapping[str, Any]) -> Truth:
         """From the label of a case: names under ``effects``, and ``gap_over_u``, ``where``, ``delta`` where known."""
-        outside = label.get("outside") or ()
+        outside, effects = label.get("outside") or (), label["effects"]
         return cls(
-            tuple(label["effects"]),
+            tuple(effects),
             bool(outside),
             float(label.get("gap_over_u") or 0.0),
             str(label.get("noise_family", label.get("kind", ""))),
             tuple(int(point) for point in label.get("where") or ()),
             tuple(float(value) for value in label.get("delta") or ()),
+            effects if isinstance(effects, Mapping) else {},
         )
 
 
@@ -83,6 +89,8 @@ class Score:
         Intersection over union of found and true region; None where there is neither.
     shrink
         On held-out slices.
+    covered
+        Whether the 95 % interval of each parameter of an effect that was named by its own name holds the truth.
     """
 
     name: str
@@ -96,6 +104,7 @@ class Score:
     probability: float
     overlap: float | None
     shrink: float
+    covered: tuple[bool, ...] = ()
 
 
 def score(name: str, truth: Truth, found: Mapping[str, Any]) -> Score:
@@ -122,6 +131,17 @@ def score(name: str, truth: Truth, found: Mapping[str, Any]) -> Score:
         probability,
         _overlap(located, set(truth.where)),
         float(found["gap"]["shrink"]),
+        _covered(truth.parameters, named),
+    )
+
+
+def _covered(true: Mapping[str, Mapping[str, float]], named: Sequence[Mapping[str, Any]]) -> tuple[bool, ...]:
+    """By parameter; one that both the truth and the diagnosis know."""
+    return tuple(
+        abs(entry["value"] - true[effect["effect"]][name]) <= _COVERAGE * entry["u"]
+        for effect in named
+        for name, entry in effect["parameters"].items()
+        if name in true.get(effect["effect"], {})
     )
 
 
@@ -196,6 +216,9 @@ def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
             Row("all", *_count([s.first for s in scores if s.truth.kind == "double"])),
         ],
         "confident claims right": [Row(f"above {CONFIDENT:g}", *_count([s.right for s in claims]))],
+        "95 % intervals of parameters that hold the truth": [
+            Row("all", *_count([hit for s in scores for hit in s.covered])),
+        ],
         "outside the library: wrongly confident": [
             Row("all", *_count([s.confident for s in scores if s.truth.kind == "outside"])),
         ],
