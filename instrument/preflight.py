@@ -57,7 +57,7 @@ def preflight(
     """
     station.acquisition.shut()
     checks = [Check(name="shutter", passed=True, found="closed")]
-    for name, axis in station.laboratory.axes().items():
+    for name, axis in (station.laboratory.axes() | station.laboratory.stages()).items():
         status = ask(axis.status)
         found = status.fault or ("homed" if status.homed else "not homed yet: it will be")
         checks.append(Check(name=name, passed=not status.fault, found=found))

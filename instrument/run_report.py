@@ -17,6 +17,7 @@ from instrument.journal import read_journal
 from instrument.plan import describe
 from instrument.records import SkippedRecord
 from instrument.run_archive import Overview, Verification, overview
+from instrument.run_axes import POLARIZATIONS
 from instrument.run_folder import RUN_NAME
 from instrument.run_read import capabilities, read_run
 from instrument.run_record import FIELDS, current_record, history
@@ -97,14 +98,16 @@ def _file_summary(run: xr.Dataset) -> dict[str, Any]:
 
 
 def _planes(run: xr.Dataset) -> list[dict[str, Any]]:
-    keys = np.stack([run[name].values for name in ("wavelength", "illumination_zenith", "sensor_azimuth")], axis=-1)
+    further = [name for name in ("sample_rotation", "polarization") if name in run.variables]
+    names = ("wavelength", "illumination_zenith", "sensor_azimuth", *further)
+    keys = np.stack([run[name].values for name in names], axis=-1)
     planes, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     result = []
     for plane in np.argsort(first):
         rows = np.ravel(which) == plane
         zenith, brf = run["sensor_zenith"].values[rows], run["brf"].values[rows]
         result.append(
-            dict(zip(("wavelength", "illumination_zenith", "sensor_azimuth"), map(float, planes[plane]), strict=True))
+            _named_plane(names, planes[plane])
             | {
                 "points": int(rows.sum()),
                 "sensor_zenith": [float(zenith.min()), float(zenith.max())],
@@ -112,6 +115,13 @@ def _planes(run: xr.Dataset) -> list[dict[str, Any]]:
             }
         )
     return result
+
+
+def _named_plane(names: Sequence[str], values: np.ndarray) -> dict[str, Any]:
+    plane: dict[str, Any] = dict(zip(names, map(float, values), strict=True))
+    if "polarization" in plane:
+        plane["polarization"] = POLARIZATIONS[int(plane["polarization"])]
+    return plane
 
 
 def print_run(summary: dict[str, Any], console: Console) -> None:
@@ -132,9 +142,12 @@ def print_run(summary: dict[str, Any], console: Console) -> None:
     if "planes" not in summary:
         console.print(f"no {RUN_NAME} yet")
         return
-    table = Table("wavelength / nm", "illumination zenith", "sensor azimuth", "sensor zenith", "points", "brf")
+    further = [name for name in ("sample_rotation", "polarization") if name in summary["planes"][0]]
+    names = ("wavelength", "illumination_zenith", "sensor_azimuth", *further)
+    heads = ("wavelength / nm", *(name.replace("_", " ") for name in names[1:]))
+    table = Table(*heads, "sensor zenith", "points", "brf")
     for plane in summary["planes"]:
-        angles = (f"{plane[name]:g}" for name in ("wavelength", "illumination_zenith", "sensor_azimuth"))
+        angles = (plane[name] if isinstance(plane[name], str) else f"{plane[name]:g}" for name in names)
         zenith = "{:g} to {:g}".format(*plane["sensor_zenith"])
         table.add_row(*angles, zenith, str(plane["points"]), "{:.4f} to {:.4f}".format(*plane["brf"]))
     console.print(table)

@@ -76,7 +76,7 @@ def header(**changes: Any) -> dict[str, Any]:
     } | changes
 
 
-def geometry(sensor_zenith: float, **changes: float) -> Geometry:
+def geometry(sensor_zenith: float, **changes: Any) -> Geometry:
     """A geometry at normal illumination."""
     known = {"wavelength": 500.0, "illumination_zenith": 0.0, "sensor_azimuth": 0.0, "sensor_zenith": sensor_zenith}
     return Geometry(**(known | changes))

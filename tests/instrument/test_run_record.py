@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from example_runs import PLAN, facility, four_points, header
+from example_runs import PLAN, facility, four_points, geometry, header, reading
 from test_plan_command import run
 
 from instrument.amending import amend
@@ -157,3 +157,22 @@ def test_a_resumed_run_keeps_its_record(tmp_path: Path) -> None:
         check_options({"resume": tmp_path, "sample": "x"})
     assert set(ScanRequest(record=parse_form({"sample": "x"}, RunRecord, "t")).record.said()) == {"sample"}
     assert set(header(record=SAID)["record"]) <= set(FIELDS)
+
+
+def test_planes_are_told_apart_by_rotation_and_polarisation(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "plan.toml").write_text(PLAN)
+    (folder / "facility.toml").write_text(header()["facility"])
+    with Journal.create(folder, header(points=3)) as journal:
+        for number, polarization in enumerate(("s", "p")):
+            at = geometry(15.0, polarization=polarization)
+            journal.record("reference", index=number, **reading(at, 0.99, float(number)))
+        for number, changes in enumerate(({}, {"sample_rotation": 45.0}, {"polarization": "p"})):
+            at = geometry(30.0, **({"polarization": "s"} | changes))
+            journal.record("point", index=number, **reading(at, 0.5, 10.0 + number))
+    write_run(rebuild_run(folder), folder / "run.nc")
+    run("show", folder, "--json", tmp_path / "s.json")
+    planes = json.loads((tmp_path / "s.json").read_text())["planes"]
+    assert [(plane["polarization"], plane["sample_rotation"]) for plane in planes] == [("s", 0), ("s", 45), ("p", 0)]
+    assert [plane["brf"][0] for plane in planes] == pytest.approx([0.5] * 3, rel=1e-3)
