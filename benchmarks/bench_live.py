@@ -18,6 +18,7 @@ import math
 import os
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -137,8 +138,9 @@ def set_priority(pid: int, level: int) -> None:
     """Of all threads of the worker and of this process."""
     for process in (pid, os.getpid()):
         for thread in Path(f"/proc/{process}/task").iterdir():
-            if os.getpriority(os.PRIO_PROCESS, int(thread.name)) != level:
-                os.setpriority(os.PRIO_PROCESS, int(thread.name), level)
+            with suppress(ProcessLookupError):  # it has ended since
+                if os.getpriority(os.PRIO_PROCESS, int(thread.name)) != level:
+                    os.setpriority(os.PRIO_PROCESS, int(thread.name), level)
 
 
 def processor_seconds(pid: int) -> float:
