@@ -22,14 +22,12 @@ from types import FrameType
 
 from gui.control import SessionController
 from gui.notices import Notice
-from gui.sessions import ABOUT, REQUEST, SOCKET, SPOOL
+from gui.sessions import ABOUT, NOTES_NAME, REQUEST, SOCKET, SPOOL
 from gui.wire import COMMANDS, encode
 from instrument.events import Event, ScanStarted
 from instrument.files import write_atomically
 from instrument.request import ScanRequest
 
-#: What is noted of a scan beside its journal: who ran it, what lay on the stage.
-NOTES_NAME = "notes.json"
 _PIECE = 1 << 16
 _LAST_WORDS_WALL = 20.0  # how long a window may take to read the end
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from gui.host import NOTES_NAME
+from gui.sessions import NOTES_NAME
 from instrument.errors import InputError
-from instrument.run_archive import Overview, overviews
+
+if TYPE_CHECKING:  # what reads runs takes a second to load: that is done on the thread
+    from instrument.run_archive import Overview
 
 REPORT_NAME, DIAGNOSIS_NAME = "diagnosis.html", "diagnosis.json"
 #: Outcomes after which a run can go on.
@@ -47,6 +50,8 @@ class PastRun:
 
 def past_runs(folder: Path) -> list[PastRun]:
     """Every run in a folder, newest first; none where there is no such folder."""
+    from instrument.run_archive import overviews
+
     try:
         rows = overviews(folder)
     except InputError:

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 SOCKET, REQUEST, SPOOL, ABOUT, LOG = "socket", "request.json", "events.jsonl", "about.json", "log.txt"
+#: In the run folder: what is noted of a scan beside its journal, such as who ran it.
+NOTES_NAME = "notes.json"
 #: Names another folder for sessions, for tests.
 VARIABLE = "GONIOTWIN_SESSIONS"
 

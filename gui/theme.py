@@ -200,6 +200,7 @@ def _style_sheet(theme: Theme) -> str:
     QToolButton#navigation:focus {{ border-color: {theme.accent}; }}
     QScrollArea, QScrollArea > QWidget > QWidget {{ background: transparent; }}
     QTabWidget::pane {{ border: none; }}
+    QTabBar {{ qproperty-drawBase: 0; }}
     QTabBar::tab {{ background: transparent; color: {theme.quiet_text}; padding: 6px 14px;
                     border-bottom: 3px solid transparent; }}
     QTabBar::tab:selected {{ color: {theme.text}; font-weight: 600; border-bottom-color: {theme.accent}; }}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from PySide6.QtWidgets import (
 
 from gui import marks, pages, panels, words
 from gui import theme as themes
-from gui.bridge import Bridge
+from gui.bridge import INTERVAL_MS, Bridge
 from gui.comparison import score
 from gui.control import Controller, Listener
 from gui.export import export_folder, pictured, write_export
@@ -40,7 +41,8 @@ from instrument.states import FINAL
 #: Makes the controller of a window; it is told where events go and which plan to run (None: the laboratory's own).
 ControllerFactory = Callable[[Listener, Path | None], Controller]
 
-_LATE_MS = 100  # between two pictures of a panel that costs much
+_LATE = 0.1  # seconds between two pictures of a panel that costs much
+_BATCH_MS, _BETWEEN_MS = INTERVAL_MS, INTERVAL_MS // 2
 _HELP = "Ctrl+1 … 8 pages   F5 start   F6 pause   F7 resume   F8 abort   F12 HALT"
 
 
@@ -84,6 +86,7 @@ class MainWindow(QMainWindow):
         self.bridge.changed.connect(self._refresh)
         self._late = QTimer(self)
         self._late.setSingleShot(True)
+        self._drawn = 0.0
         self._late.timeout.connect(self._catch_up)
         self.palette_choice = themes.remembered(settings)
         theme = themes.choose(self.palette_choice)
@@ -348,7 +351,8 @@ class MainWindow(QMainWindow):
         if changes.scan or changes.current:
             self._follow()
         if not self._late.isActive() and any(panel.behind for panel in self.panels):
-            self._late.start(_LATE_MS)
+            # Between two batches of events, so that no pass of the loop has to do both.
+            self._late.start(_BETWEEN_MS if time.monotonic() > self._drawn + _LATE else _BATCH_MS + _BETWEEN_MS)
         if changes.scan or changes.state:
             self._show_title()
             self.open_action.setEnabled(not self.model.connected)
@@ -360,10 +364,15 @@ class MainWindow(QMainWindow):
     def _catch_up(self) -> None:
         """Let one of the panels that cost much draw; the next one has to wait for the next pass of the loop."""
         behind = [panel for panel in self.panels if panel.behind]
+        wait = self._drawn + _LATE / max(len(behind), 1) - time.monotonic()
+        if wait > 0:
+            self._late.start(round(1000 * wait) + 1)
+            return
         for panel in behind[:1]:
             panel.catch_up()
+        self._drawn = time.monotonic()
         if len(behind) > 1:
-            self._late.start(0)
+            self._late.start(_BETWEEN_MS)
 
     def settle(self) -> None:
         """Deliver and draw everything that has arrived, now; call in the Qt thread."""

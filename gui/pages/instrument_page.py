@@ -23,7 +23,6 @@ from gui.guided import Guided, laboratory_arguments
 from gui.model import Changes
 from gui.pages.base import Desk, Page, card
 from gui.panels.base import quiet
-from gui.preflight_records import last_preflight
 from gui.work import Work
 
 _DEVICES = ("Device", "State", "Last word", "Who it says it is")
@@ -135,7 +134,7 @@ class InstrumentPage(Page):
         """Show the last preflight."""
         if self.model.run_dir:
             folder = Path(self.model.run_dir)
-            self._work.do(lambda: last_preflight(folder))
+            self._work.do(lambda: _last_preflight(folder))
 
     def _show_preflight(self, found: tuple[str, list[dict[str, Any]]]) -> None:
         when, checks = found
@@ -156,6 +155,12 @@ class InstrumentPage(Page):
             self.say.setText("A scan has the devices; what they say stands in the messages below.")
         if self.isVisible() and self.model.state.value in ("homing", "mounting"):
             self.enter()
+
+
+def _last_preflight(folder: Path) -> tuple[str, list[dict[str, Any]]]:
+    from gui.preflight_records import last_preflight
+
+    return last_preflight(folder)
 
 
 def _table(heads: tuple[str, ...], name: str) -> QTableWidget:

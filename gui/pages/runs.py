@@ -28,7 +28,6 @@ from gui.model import Changes
 from gui.pages.base import Desk, Page, card, explained
 from gui.panels.base import quiet
 from gui.past_runs import PastRun, past_runs
-from gui.replay import compared_events, events_of
 from gui.work import Work
 from instrument.states import FINAL
 
@@ -242,6 +241,8 @@ class RunsPage(Page):
             return
 
         def task() -> Any:
+            from gui.replay import events_of
+
             events = events_of(folder)
             return lambda: self._replay(events)
 
@@ -266,6 +267,8 @@ class RunsPage(Page):
         later, earlier = chosen
 
         def task() -> Any:
+            from gui.replay import compared_events
+
             events = compared_events(earlier.folder, later.folder)
             return lambda: self._show_comparison(events, earlier, later)
 

@@ -88,7 +88,7 @@ class HistoryPanel(Panel):
                 axis.setTextPen(theme.quiet_text)
                 axis.setStyle(tickFont=font)
         for line, colour in zip(self.lines, (theme.measured, theme.simulated, theme.quiet_text), strict=True):
-            line.setPen(pg.mkPen(colour, width=1.6))
+            line.setPen(pg.mkPen(colour, width=1.6 * self.devicePixelRatioF()))
 
     def _hours(self, time: datetime) -> float:
         start = self.model.started or time

@@ -140,36 +140,40 @@ class PlotsPanel(Panel):
         for plot in (self.brf_plot, self.t_plot):
             for side in ("left", "bottom"):
                 axis = plot.getAxis(side)
-                axis.setPen(pg.mkPen(theme.line))
+                axis.setPen(self._pen(theme.line))
                 axis.setTextPen(theme.quiet_text)
                 axis.setStyle(tickFont=font, autoExpandTextSpace=False)
         label = {"color": theme.text, "font-size": f"{font.pointSizeF():g}pt"}
         self.brf_plot.setLabel("left", "BRF", **label)
         self._label = label
         self._brushes = {c: pg.mkBrush(getattr(theme, c)) for c in CATEGORIES}
-        self._edge = pg.mkPen(theme.surface, width=0.8)
-        self._pens = [pg.mkPen(theme.measured, width=width) for width in (1, 3.5, 1.6)]
+        self._edge = self._pen(theme.surface, width=0.8)
+        self._pens = [self._pen(theme.measured, width=width) for width in (1, 3.5, 1.6)]
         self._surface = pg.mkBrush(theme.surface)
         self._below_changed(draw=False)
         self.t_plot.setLabel("bottom", "sensor zenith (°)", **label)
         for band, colour in zip(self.t_bands, (theme.band_outer, theme.band_inner), strict=True):
             band.setBrush(pg.mkBrush(colour))
             for line in band.lines:
-                line.setPen(pg.mkPen(theme.quiet_text, width=1, style=Qt.PenStyle.DashLine))
+                line.setPen(self._pen(theme.quiet_text, width=1, style=Qt.PenStyle.DashLine))
         for each, colour in zip(self.d_bands, (theme.band_outer, theme.band_inner), strict=True):
             each.set_colour(colour, 255)
-        self.zero.setPen(pg.mkPen(theme.quiet_text, width=1))
+        self.zero.setPen(self._pen(theme.quiet_text, width=1))
         for sim, alpha in zip(self.sim_bands, (45, 85), strict=True):
             sim.set_colour(theme.simulated, alpha)
-        self.sim_line.setPen(pg.mkPen(theme.simulated, width=2))
-        self.t_line.setPen(pg.mkPen(theme.quiet_text, width=1, style=Qt.PenStyle.DotLine))
+        self.sim_line.setPen(self._pen(theme.simulated, width=2))
+        self.t_line.setPen(self._pen(theme.quiet_text, width=1, style=Qt.PenStyle.DotLine))
         for line in self.here:
-            line.setPen(pg.mkPen(theme.accent, width=1.5, style=Qt.PenStyle.DashDotLine))
+            line.setPen(self._pen(theme.accent, width=1.5, style=Qt.PenStyle.DashDotLine))
         while self.legend_row.count():
             item = self.legend_row.takeAt(0)
             if item is not None and (widget := item.widget()) is not None:
                 widget.setParent(None)
         self.legend_row.addWidget(legend(theme))
+
+    def _pen(self, colour: str, **how: Any) -> Any:
+        """A pen as thick on a fine screen as on a coarse one."""
+        return pg.mkPen(colour, **how | {"width": how.get("width", 1) * self.devicePixelRatioF()})
 
     @property
     def shows_difference(self) -> bool:

@@ -14,7 +14,7 @@ import pytest
 from scan_script import geometries, preparation, readings
 
 from gui import sessions
-from gui.host import NOTES_NAME, Host, Spool
+from gui.host import Host, Spool
 from gui.notices import ControllerClosed, ControllerFailed, ControllerStarting, OperatorAnswered, OperatorAsked
 from gui.remote import RemoteController
 from gui.setup import Setup
@@ -186,7 +186,7 @@ def test_windows_come_and_go_and_steer_the_same_scan(running: tuple[Host, Scan],
     scan.over.set()
     second.wait_for("ControllerClosed")
     assert two.join(10.0)
-    assert json.loads((tmp_path / "run" / NOTES_NAME).read_text()) == {"operator": "Ada", "sample": "coupon 7"}
+    assert json.loads((tmp_path / "run" / sessions.NOTES_NAME).read_text()) == {"operator": "Ada", "sample": "coupon 7"}
 
 
 def test_words_that_are_no_commands_are_not_obeyed(running: tuple[Host, Scan]) -> None:
