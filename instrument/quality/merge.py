@@ -16,9 +16,10 @@ import xarray as xr
 
 from instrument.angles import FloatArray
 from instrument.budget import combined
+from instrument.drift import COMPONENT as DRIFT
 from instrument.errors import InputError
 from instrument.quality.random_effects import Pooled, dersimonian_laird, mandel_paule
-from instrument.run_budget import add_coverage, correlated, geometry_columns
+from instrument.run_budget import REFERENCE_NOISE, add_coverage, correlated, geometry_columns
 from instrument.run_check import component_names
 from instrument.run_schema import OVERLOAD, REQUIRED, SATURATED, SHADOWED
 from instrument.run_write import described
@@ -30,8 +31,16 @@ _METHODS: dict[str, Callable[..., Pooled]] = {"mandel-paule": mandel_paule, "der
 _USELESS = SATURATED | OVERLOAD | SHADOWED
 #: Relative uncertainty that stands for a reading without any noise, where a weight needs one.
 _LEAST = 1e-6
+#: Components that a run has only where its plan asked for them; one without has none of that error.
+_OCCASIONAL = (DRIFT, REFERENCE_NOISE)
 #: What has to agree for the runs to be of one sample, and what may rest in the file where it agrees.
-_SAME = ("sample", "reference_reflectance_factor", "reference_illumination_zenith", "reference_sensor_zenith")
+_SAME = (
+    "sample",
+    "reference_standard",
+    "reference_reflectance_factor",
+    "reference_illumination_zenith",
+    "reference_sensor_zenith",
+)
 _KEPT = (*_SAME, "scan_direction", "facility")
 
 
@@ -116,15 +125,16 @@ def _components(runs: Mapping[str, xr.Dataset]) -> list[str]:
             raise InputError(
                 f"{name}: no uncertainty components; expected them, since what the runs have in common is not averaged"
             )
-        if names is not None and set(own) != set(names):
-            differing = ", ".join(sorted(set(own) ^ set(names)))
-            raise InputError(f"{name}: the components differ from those of the runs before it: {differing}")
-        names = names or own
+        differing = set() if names is None else (set(own) ^ set(names)) - set(_OCCASIONAL)
+        if differing:
+            said = ", ".join(sorted(differing))
+            raise InputError(f"{name}: the components differ from those of the runs before it: {said}")
+        names = list(dict.fromkeys([*(names or []), *own]))
     return names or []
 
 
 def _form(runs: Mapping[str, xr.Dataset], name: str) -> str | None:
-    forms = {run[name].attrs.get("err_corr_1_form") for run in runs.values()}
+    forms = {run[name].attrs.get("err_corr_1_form") for run in runs.values() if name in run}
     return forms.pop() if len(forms) == 1 else None
 
 
@@ -151,7 +161,8 @@ def _joined(runs: Mapping[str, xr.Dataset], names: Sequence[str]) -> _Table:
         power = 2.0 if _form(runs, name) == "random" else 1.0
         parts = []
         for r, run in zip(rows, kept, strict=True):
-            mean = _mean_by(r, run[name].values ** power, number)
+            values_of_run = run[name].values if name in run else np.zeros(run.sizes["point"])
+            mean = _mean_by(r, values_of_run**power, number)
             counts = np.maximum(np.bincount(r, minlength=number), 1) if power == 2.0 else 1.0
             parts.append((mean / counts) ** (1 / power))
         components[name] = np.stack(parts)
@@ -179,12 +190,12 @@ def _add_components(
     random: Sequence[str],
     stability: Stability,
 ) -> None:
-    first = next(iter(runs.values()))
     names = list(table.components)
     for name in names:
         u = np.nan_to_num(table.components[name])
         values = np.sqrt(np.sum((pooled.weights * u) ** 2, axis=0)) if name in random else np.sum(pooled.weights * u, 0)
-        attributes = {k: v for k, v in first[name].attrs.items() if k in ("long_name", "degrees_of_freedom", "units")}
+        known = next(run[name].attrs for run in runs.values() if name in run)
+        attributes = {k: v for k, v in known.items() if k in ("long_name", "degrees_of_freedom", "units")}
         form = _form(runs, name)
         # A matrix belongs to the points of its own run.
         result[name] = ("point", values, attributes | correlated(None if form == "err_corr_matrix" else form))

@@ -128,6 +128,15 @@ def test_saturated_points_are_left_out_and_counted() -> None:
     assert merged.attrs["points_left_out"] == 1
 
 
+def test_a_run_whose_reference_was_not_repeated_has_no_drift_to_share() -> None:
+    """Half the weight of a drift of 0.004: 0.002."""
+    drifting = run_with([1.01, 2.02])
+    drifting["u_brf_drift"] = ("point", 0.004 * drifting["brf"].values, {"units": "1"} | correlated("systematic"))
+    drifting["brf"].attrs["unc_comps"] = [*drifting["brf"].attrs["unc_comps"], "u_brf_drift"]
+    merged = merge_runs({"a": run_with([0.99, 1.98]), "b": drifting})
+    assert merged["u_brf_drift"].values == pytest.approx([0.00202, 0.00404])
+
+
 @pytest.mark.parametrize(
     ("second", "message"),
     [
