@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 from instrument.errors import InputError
+from sim_fixtures.case_commands import composition_of
 from sim_fixtures.cases import FAMILIES, known_effects
 from sim_fixtures.cases.composition import Composition, orders
 from sim_fixtures.cases.sealed import open_labels, write_sealed_set
@@ -65,6 +66,26 @@ def test_a_set_has_the_size_asked_for(cases: int) -> None:
 def test_the_final_set_has_the_numbers_of_the_trial() -> None:
     final = Composition.of_size(380)
     assert (final.none, final.single, final.double, final.outside) == (80, 200, 40, 60)
+
+
+def test_numbers_and_severities_of_a_set_can_be_chosen() -> None:
+    chosen = composition_of(140, "40,100,0,0", [2.0])
+    assert (chosen.none, chosen.single, chosen.double, chosen.outside) == (40, 100, 0, 0)
+    assert {order.severity for order in orders(chosen, 7) if order.kind == "single"} == {2.0}
+
+
+@pytest.mark.parametrize(
+    ("counts", "severity", "message"),
+    [
+        ("40,100,0", None, "found '40,100,0'; expected four whole numbers"),
+        ("40,a,0,0", None, "found '40,a,0,0'; expected four whole numbers"),
+        ("4,2,0,0", None, r"found 4,2,0,0 \(6 cases\) with --cases 140"),
+        (None, [2.0, -1.0], "--severity: found -1; expected more than 0"),
+    ],
+)
+def test_numbers_that_make_no_set_are_refused(counts: str | None, severity: list[float] | None, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        composition_of(140, counts, severity)
 
 
 def test_fewer_cases_than_kinds_are_refused() -> None:

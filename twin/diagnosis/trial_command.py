@@ -20,6 +20,15 @@ _FILE_WIDTH = 150
 def blind_check(
     cases: Annotated[int, typer.Option(min=4, help="Number of cases to make.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Of the cases.")] = 1,
+    counts: Annotated[
+        str | None,
+        typer.Option(
+            help="Sound cases, with one effect, two, outside the library, such as 40,100,0,0.", show_default=False
+        ),
+    ] = None,
+    severity: Annotated[
+        list[float] | None, typer.Option(help="Of cases with one effect; may be repeated.", show_default=False)
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for cases, diagnoses and tables; goes on where it stopped.")] = Path(
         "blind-check"
     ),
@@ -52,7 +61,10 @@ def blind_check(
     if (runs is None) != (labels is None) or (runs is None) != (common is None):
         raise InputError("--runs, --common and --labels: expected all three or none")
     if runs is None:
-        _make(out, cases, seed, workers)
+        chosen = ["--counts", counts] if counts is not None else []
+        for value in severity or ():
+            chosen += ["--severity", f"{value:g}"]
+        _make(out, cases, seed, workers, chosen)
         runs, common = out / "cases", out / "common"
     assert common is not None
     found = _diagnose(sorted(runs.glob("*.nc")), common, out / "diagnoses", cache, workers, cluster)
@@ -60,7 +72,7 @@ def blind_check(
     _report(found, truths, json)
 
 
-def _make(out: Path, cases: int, seed: int, workers: int) -> None:
+def _make(out: Path, cases: int, seed: int, workers: int, chosen: Sequence[str]) -> None:
     """Let the simulated laboratory write sealed cases, in a process of its own."""
     import subprocess
     import sys
@@ -68,7 +80,7 @@ def _make(out: Path, cases: int, seed: int, workers: int) -> None:
     from instrument.errors import InputError
 
     command = [sys.executable, "-m", "instrument", "cases", "make", "--seed", str(seed), "--cases", str(cases)]
-    done = subprocess.run([*command, "--out", str(out), "--workers", str(workers)], check=False)
+    done = subprocess.run([*command, "--out", str(out), "--workers", str(workers), *chosen], check=False)
     if done.returncode:
         raise InputError(f"goniotwin cases make: exit status {done.returncode}; expected a complete set of cases")
 
