@@ -151,3 +151,38 @@ def test_the_twin_of_a_scan_takes_the_corrections_beside_the_artifact(tmp_path, 
     write_corrections(corrections(), tmp_path / "corrections.toml")
     scan_twin.scan_twin(*files)
     assert made == ["nominal", ("corrected", False)]
+
+
+def test_a_scan_keeps_its_corrections_and_predicts_with_them(tmp_path):
+    """From the request to the twin of the run folder."""
+    from instrument.request import ScanRequest, complete, inputs_of
+    from instrument.run_folder import keep_inputs
+    from twin.scan_twin import scan_twin
+
+    root = Path(__file__).parents[2]
+    examples = root / "sim_fixtures" / "examples"
+    material, found = tmp_path / "material.toml", tmp_path / "found.toml"
+    material.write_text('[default]\nmodel = "lambertian"\nreflectance = 0.6\n')
+    write_corrections(corrections(sample_tilt={"x_deg": 0.7}), found)
+    request = ScanRequest(
+        plan=examples / "table_iv.toml",
+        facility=examples / "facility.toml",
+        artifact=examples / "artifact.toml",
+        material=material,
+        devices=root / "docs" / "devices.example.toml",
+        corrections=found,
+    )
+    (folder := tmp_path / "run").mkdir()
+    kept = keep_inputs(complete(inputs_of(request)), folder)
+    assert kept.corrections == folder / "corrections.toml"
+    twin = scan_twin(kept.facility_path, kept.artifact, kept.material)
+    assert isinstance(twin, CorrectedTwin)
+    assert twin.applied.variation.setup.tilt_x_deg == 0.7
+
+
+def test_corrections_that_are_not_there_keep_a_scan_from_starting(tmp_path):
+    from instrument.request import ScanRequest, inputs_of
+
+    missing = tmp_path / "none.toml"
+    with pytest.raises(InputError, match=r"none\.toml: no such file"):
+        inputs_of(ScanRequest(simulate=True, corrections=missing))
