@@ -9,6 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from twin.diagnosis.gap import shrink_of
+from twin.diagnosis.observation import Observation
+
 Kind = Literal["none", "single", "double", "outside"]
 #: A wrong claim with more probability than this is a confident one.
 CONFIDENT = 0.9
@@ -37,6 +40,8 @@ class Truth:
         Noise-free relative change of every point; empty where it is not known.
     parameters
         Of each effect; empty where they are not known.
+    brf
+        That would be read without noise and instability, effect included; empty where it is not known.
     """
 
     effects: tuple[str, ...]
@@ -46,6 +51,7 @@ class Truth:
     where: tuple[int, ...]
     gap: tuple[float, ...] = ()
     parameters: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    brf: tuple[float, ...] = ()
 
     @property
     def kind(self) -> Kind:
@@ -66,6 +72,7 @@ class Truth:
             tuple(int(point) for point in label.get("where") or ()),
             tuple(float(value) for value in label.get("delta") or ()),
             effects if isinstance(effects, Mapping) else {},
+            tuple(float(value) for value in label.get("brf_true") or ()),
         )
 
 
@@ -89,6 +96,8 @@ class Score:
         Intersection over union of found and true region; None where there is neither.
     shrink
         On held-out slices.
+    allowed
+        Shrink that the truth itself reaches; None where it is not known.
     covered
         Whether the 95 % interval of each parameter of an effect that was named by its own name holds the truth.
     """
@@ -105,10 +114,17 @@ class Score:
     overlap: float | None
     shrink: float
     covered: tuple[bool, ...] = ()
+    allowed: float | None = None
 
 
-def score(name: str, truth: Truth, found: Mapping[str, Any]) -> Score:
-    """Score a diagnosis, the content of a ``diagnosis.json``."""
+def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | None = None) -> Score:
+    """Score a diagnosis, the content of a ``diagnosis.json``.
+
+    Parameters
+    ----------
+    run
+        The measurement; without it the shrink that the truth allows is not known.
+    """
     verdict, named = str(found["verdict"]), list(found["effects"])
     classes = [set(entry["class"]) for entry in named]
     listed = [set(entry["class"]) for entry in found["ranking"][:3]]
@@ -132,7 +148,15 @@ def score(name: str, truth: Truth, found: Mapping[str, Any]) -> Score:
         _overlap(located, set(truth.where)),
         float(found["gap"]["shrink"]),
         _covered(truth.parameters, named),
+        None if run is None or not truth.brf else _allowed(truth, found["gap"], run),
     )
+
+
+def _allowed(truth: Truth, gap: Mapping[str, Any], run: Observation) -> float:
+    """Shrink of the gap if the prediction were the noise-free reading."""
+    after = float(np.sqrt(np.mean((np.array(truth.brf)[run.rows] / run.brf - 1) ** 2)))
+    left = (1 - gap["removable"]) * gap["heldout_rms_before"]
+    return shrink_of(gap["rms_before"], after, left**2)
 
 
 def _covered(true: Mapping[str, Mapping[str, float]], named: Sequence[Mapping[str, Any]]) -> tuple[bool, ...]:
@@ -222,6 +246,21 @@ def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
         "outside the library: wrongly confident": [
             Row("all", *_count([s.confident for s in scores if s.truth.kind == "outside"])),
         ],
+    }
+
+
+def figures(scores: Sequence[Score]) -> dict[str, float]:
+    """Medians over cases with one effect or two that were named right."""
+    right = [s for s in scores if s.right and s.truth.effects and not s.truth.outside]
+    ratios = [s.shrink / s.allowed for s in right if s.allowed]
+    overlaps = [s.overlap for s in right if s.overlap is not None]
+    return {
+        label: float(np.median(values))
+        for label, values in (
+            ("held-out shrink over what the truth allows, median", ratios),
+            ("located region over the true one, intersection over union, median", overlaps),
+        )
+        if values
     }
 
 

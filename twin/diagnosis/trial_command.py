@@ -69,7 +69,7 @@ def blind_check(
     assert common is not None
     found = _diagnose(sorted(runs.glob("*.nc")), common, out / "diagnoses", cache, workers, cluster)
     truths = _open_labels(out, labels)
-    _report(found, truths, json)
+    _report(found, truths, runs, json)
 
 
 def _make(out: Path, cases: int, seed: int, workers: int, chosen: Sequence[str]) -> None:
@@ -154,16 +154,21 @@ def _open_labels(out: Path, labels: Path | None) -> dict[str, Truth]:
     return {name: Truth.of(label) for name, label in found.get("labels", found).items()}
 
 
-def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], json: Path | None) -> None:
+def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], runs: Path, json: Path | None) -> None:
     from dataclasses import asdict
 
     from rich.console import Console
     from rich.table import Table
 
     from instrument.output import write_json
-    from twin.diagnosis.trial import score, summary
+    from twin.diagnosis.observation import read_observation
+    from twin.diagnosis.trial import figures, score, summary
 
-    scores = [score(name, truths[name], diagnosis) for name, diagnosis in found.items() if name in truths]
+    scores = [
+        score(name, truths[name], diagnosis, read_observation(runs / f"{name}.nc") if truths[name].brf else None)
+        for name, diagnosis in found.items()
+        if name in truths
+    ]
     console = Console()
     if not console.is_terminal:
         # A file has no width of its own; rows of a table should stay in one line.
@@ -176,9 +181,12 @@ def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], json: Pa
             if row.trials:
                 table.add_row(row.label, row.text())
         console.print(table)
+    medians = figures(scores)
+    for label, value in medians.items():
+        console.print(f"{label}: {value:.2f}")
     if json is not None:
         shares = {title: [asdict(row) for row in rows] for title, rows in tables.items()}
-        write_json(json, {"cases": [asdict(s) for s in scores], "tables": shares})
+        write_json(json, {"cases": [asdict(s) for s in scores], "tables": shares, "figures": medians})
         typer.echo(f"written: {json}")
 
 
@@ -186,7 +194,7 @@ def _cases_table(scores: Sequence[Score]) -> Any:
     from rich.table import Column, Table
 
     names = {name: Column(name, overflow="fold") for name in ("true", "found")}
-    columns = ("case", names["true"], "severity", names["found"], "probability", "region", "shrink", "right")
+    columns = ("case", names["true"], "severity", names["found"], "probability", "region", "shrink", "allowed", "right")
     table = Table(*columns, title="Cases")
     for s in scores:
         true = ("outside: " if s.truth.outside else "") + (" + ".join(s.truth.effects) or "none")
@@ -198,6 +206,7 @@ def _cases_table(scores: Sequence[Score]) -> Any:
             f"{s.probability:.2f}" if s.named else "",
             "" if s.overlap is None else f"{s.overlap:.2f}",
             f"{s.shrink:.2f}",
+            "" if s.allowed is None else f"{s.allowed:.2f}",
             "yes" if s.right else "NO",
         )
     return table

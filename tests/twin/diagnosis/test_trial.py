@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 
+import numpy as np
 import pytest
 
 from instrument.__main__ import main
-from twin.diagnosis.trial import Row, Score, Truth, interval, score, summary
+from twin.diagnosis.observation import Observation
+from twin.diagnosis.trial import Row, Score, Truth, figures, interval, score, summary
 
 
 def truth(*effects: str, outside: bool = False, severity: float = 2.0, where: tuple[int, ...] = ()) -> Truth:
@@ -116,3 +119,17 @@ def test_an_interval_holds_the_truth_within_two_standard_uncertainties() -> None
     assert score("case", label, diagnosis).covered == (True, False)
     diagnosis["effects"][0]["effect"] = "wedge"
     assert score("case", label, diagnosis).covered == ()
+
+
+def test_the_shrink_that_the_truth_allows_is_that_of_a_prediction_of_the_noise_free_reading() -> None:
+    # Readings 10 % and 20 % above the noise-free ones, of which noise alone leaves 3 %: sqrt(2.5e-2 - 9e-4) remain of
+    # sqrt(0.16 - 9e-4).
+    run = Observation("run", np.array([0, 2]), {}, np.array([1.0, 1.0]), np.array([0.01, 0.01]), {})
+    label = Truth.of({"effects": ["tilt"], "brf_true": [0.9, 7.0, 0.8]})
+    diagnosis = found("effects", ("tilt",))
+    diagnosis["gap"] |= {"rms_before": 0.4, "heldout_rms_before": 0.5, "removable": 0.94}
+    expected = 1 - math.sqrt((0.025 - 0.0009) / (0.16 - 0.0009))
+    scored = score("case", label, diagnosis, run)
+    assert scored.allowed == pytest.approx(expected)
+    assert figures([scored])["held-out shrink over what the truth allows, median"] == pytest.approx(0.5 / expected)
+    assert score("case", label, diagnosis).allowed is None
