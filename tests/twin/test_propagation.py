@@ -177,7 +177,7 @@ PLAN = columns([0.0, 0.0, 15.0, 30.0], [20.0, -50.0, 70.0, 40.0], [45.0, 90.0, 5
 @pytest.mark.slow
 def test_sensitivities_and_draws_agree(whole: StateVector) -> None:
     renderer = PlanRenderer(whole, PLAN, seed=2)
-    slopes, draws = by_sensitivities(renderer, tolerance=0.03), by_draws(renderer, draws=150, samples=2**14, seed=5)
+    slopes, draws = by_sensitivities(renderer, tolerance=0.05), by_draws(renderer, draws=150, samples=2**14, seed=5)
     error = np.hypot(slopes.u_error, draws.u_error)
     assert np.all(np.abs(slopes.u / draws.u - 1) < 4 * error)
     np.testing.assert_allclose(slopes.correlation(), draws.correlation(), atol=0.35)
@@ -186,7 +186,7 @@ def test_sensitivities_and_draws_agree(whole: StateVector) -> None:
 @pytest.mark.slow
 def test_the_stated_uncertainty_covers_truths_drawn_from_the_inputs(whole: StateVector) -> None:
     renderer = PlanRenderer(whole, PLAN, seed=2)
-    u = by_sensitivities(renderer, tolerance=0.03).u
+    u = by_sensitivities(renderer, tolerance=0.05).u
     world = PlanRenderer(whole, PLAN, seed=77)
     truth = world.render(whole.draw(31, 100), 2**15).mean(axis=-1)
     nominal = world.render([whole.nominal], 2**15)[0].mean(axis=-1)
