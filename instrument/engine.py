@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -41,6 +42,7 @@ from instrument.safety import Pose, check_plan
 from instrument.states import State
 from instrument.station import Station, each
 from instrument.steps import Steps
+from instrument.turning import position_at_start, turn_prompt
 
 log = logging.getLogger(__name__)
 S = State
@@ -78,6 +80,7 @@ class ScanEngine:
         self._begun: set[int] = set()
         self._failures = 0
         self._calibrated = job.clock.now()
+        self._turned = position_at_start(job.plan.points)
         self._laboratory: Laboratory | None = None
         self._station: Station | None = None
         self._ended = threading.Event()
@@ -163,6 +166,7 @@ class ScanEngine:
         for index in self._progress.missing():
             if self._job.reference_due(self._calibrated):
                 self._calibrate(station, attendance, self._job.references(), repeated=True)
+            self._turn(station, attendance, self._job.plan.points[index].illumination_azimuth)
             self._attempt_point(station, attendance, index)
         if self._job.facility.reference.repeat_minutes > 0:
             self._read_references(station, attendance, self._job.references(), repeated=True)
@@ -220,15 +224,25 @@ class ScanEngine:
     def _mount(self, what: Mounted, station: Station, attendance: Attendance) -> None:
         """Let hands at the stage: arms at rest, shutter closed, source off unless told otherwise."""
 
-        def mount() -> None:
+        self._by_hand(f"{what} to be put on the stage", partial(self._steps.mount, what), station, attendance)
+
+    def _turn(self, station: Station, attendance: Attendance, azimuth: float) -> None:
+        """Have the sample turned where a point wants another illumination azimuth."""
+        if azimuth != self._turned:
+            step = partial(self._steps.confirm, turn_prompt(azimuth), needed=True)
+            self._by_hand(f"illumination azimuth {azimuth:g} to be set", step, station, attendance)
+            self._turned = azimuth
+
+    def _by_hand(self, reason: str, step: Callable[[], None], station: Station, attendance: Attendance) -> None:
+        def work() -> None:
             station.rest()
             if not self._job.settings.emission_while_mounting:
                 station.light.off()
                 station.zero_monitor()
-            self._steps.mount(what)
+            step()
 
-        self._report.to(S.MOUNTING, f"{what} to be put on the stage")
-        attendance.attended(S.MOUNTING, mount)
+        self._report.to(S.MOUNTING, reason)
+        attendance.attended(S.MOUNTING, work)
         attendance.attended(S.MOUNTING, self._steps.confirm_source)
         attendance.attended(S.MOUNTING, attendance.light_up)
 

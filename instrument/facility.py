@@ -145,6 +145,7 @@ class KeepOut(Form):
 class Arms(Form):
     """Travel of the arms, where they would touch, and how well their angles are known.
 
+    ``illumination_azimuth`` is the range of a manual stage that turns the sample under the arms (``docs/calibration.md``);
     ``sample_rotation`` and ``polarizer`` are there where the instrument has a motorised stage or polariser.
     """
 
@@ -154,6 +155,7 @@ class Arms(Form):
     shadow_half_angle: NonNegative = 5.0
     keep_out: tuple[KeepOut, ...] = ()
     sample_rotation: AngleRange | None = None
+    illumination_azimuth: AngleRange | None = None
     polarizer: AngleRange | None = None
     u_illumination_zenith: NonNegative = 0.0
     u_sensor_zenith: NonNegative = 0.0
@@ -168,7 +170,7 @@ class Arms(Form):
 
 
 def _require_ascending(ranges: Arms | KeepOut) -> None:
-    for name in (*_ARMS, *STAGES):
+    for name in (*_ARMS, *STAGES, "illumination_azimuth"):
         if (found := getattr(ranges, name, None)) is None:
             continue
         lower, upper = found

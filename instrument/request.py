@@ -18,8 +18,8 @@ from instrument.journal import JournalContent, read_journal
 from instrument.laboratories import Inputs
 from instrument.plan import Plan, describe, read_plan
 from instrument.run_record import RunRecord
-from instrument.safety import Pose
 from instrument.scan_options import check_options
+from instrument.turning import require_turnable
 
 PLAN_NAME, FACILITY_NAME, ARTIFACT_NAME = "plan.toml", "facility.toml", "artifact.toml"
 CORRECTIONS_NAME = "corrections.toml"
@@ -218,7 +218,7 @@ def complete(given: GivenInputs) -> ScanInputs:
     plan = read_plan(given.plan, facility)
     try:
         for point in plan.points:
-            Pose.of(point)
+            require_turnable(point, facility.arms.illumination_azimuth)
     except InputError as error:
         raise InputError(f"{plan.source}: {error}") from None
     if given.resumed is not None:

@@ -24,6 +24,7 @@ from instrument.errors import InputError, SafetyError
 from instrument.events import Geometry
 from instrument.facility import Arms
 from instrument.plan import SHADOW_SLACK, describe
+from instrument.turning import driven, require_turnable
 
 __all__ = ["Box", "CheckedPlan", "Envelope", "Leg", "Pose", "check_plan", "closest"]
 
@@ -44,19 +45,8 @@ class Pose(NamedTuple):
 
     @classmethod
     def of(cls, geometry: Geometry) -> Pose:
-        """The pose that measures a geometry.
-
-        Raises
-        ------
-        InputError
-            If it has an illumination azimuth: no arm can do that, only a turned sample.
-        """
-        if geometry.illumination_azimuth != 0.0:
-            raise InputError(
-                f"{describe(geometry)}: the illumination arm moves in the plane of azimuth 0 only;"
-                " turn the sample and plan sensor azimuths relative to it"
-            )
-        return cls(geometry.illumination_zenith, geometry.sensor_azimuth, geometry.sensor_zenith)
+        """The pose that measures a geometry, the sample turned by hands where that needs it."""
+        return cls(*driven(geometry))
 
     def moved(self, axis: str, target: float) -> Pose:
         """This pose with one arm elsewhere."""
@@ -126,12 +116,14 @@ def _separation(illumination_zenith: float, sensor_azimuth: float, sensor_zenith
 
 @dataclass(frozen=True)
 class Envelope:
-    """Where the arms may be: travel (degree, (lower, upper)), half-angle of the cone, boxes where they would touch."""
+    """Where the arms may be: travel (degree, (lower, upper)), half-angle of the cone, boxes where they would touch;
+    ``turning`` is how far hands can turn the sample."""
 
     travel: Mapping[str, tuple[float, float]]
     cone: float
     speeds: Mapping[str, AxisLimits] = field(default_factory=dict)
     keep_out: tuple[Box, ...] = ()
+    turning: tuple[float, float] | None = None
     _known: dict[tuple[Pose, Pose, frozenset[str]], tuple[Leg, ...]] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -158,7 +150,7 @@ class Envelope:
             Box(kept.name, *(Pose(*(getattr(kept, axis)[end] for axis in AXES)) for end in (0, 1)))
             for kept in arms.keep_out
         )
-        return cls(travel, arms.shadow_half_angle, dict(limits), tuple(boxes))
+        return cls(travel, arms.shadow_half_angle, dict(limits), tuple(boxes), arms.illumination_azimuth)
 
     def check_point(self, geometry: Geometry, name: str) -> Pose:
         """The pose of a point, which may be taken.
@@ -166,10 +158,11 @@ class Envelope:
         Raises
         ------
         InputError
-            If an angle lies beyond an arm.
+            If an angle lies beyond an arm, or beyond the stage under the sample.
         SafetyError
             If the detector head would stand in the beam, or where it must be kept out of.
         """
+        require_turnable(geometry, self.turning, name)
         pose = Pose.of(geometry)
         for axis, value in zip(AXES, pose, strict=True):
             low, high = self.travel[axis]

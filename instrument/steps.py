@@ -35,15 +35,20 @@ class Steps:
         self.confirm(START_SOURCE)
         self._started = True
 
-    def confirm(self, prompt: Prompt) -> None:
+    def confirm(self, prompt: Prompt, *, needed: bool = False) -> None:
         """Have a step done, and keep the answer in the journal.
+
+        Parameters
+        ----------
+        needed
+            Nothing can go on without it: an operator who only changes the sample is not enough.
 
         Raises
         ------
         PromptFailed, Interruption
             As :func:`instrument.prompts.attend`.
         """
-        if not isinstance(self._operator, Guide):
+        if not needed and not isinstance(self._operator, Guide):
             self._report.note(f"not confirmed: {prompt.title}; this operator only changes the sample")
             return
         answer = attend(self._operator, prompt, self._controls, now=self._clock.now())

@@ -40,6 +40,8 @@ class SimulatedOperator:
         about, _, what = prompt.key.partition(":")
         if about == "mount":
             self._control("mount", what=what)
+        elif about == "turn":
+            self._control("turn", azimuth=float(what))
         elif about == "apertures":
             self._control("apertures", a="a" in what, b="b" in what)
         if prompt.kind == "choice":

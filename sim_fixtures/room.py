@@ -123,6 +123,7 @@ class Room:
             "stick_shutter": self._stick_shutter,
             "trouble": self._trouble,
             "apertures": self._apertures,
+            "turn": self._turn,
         }
 
     def control(self, action: str, **arguments: Any) -> Any:
@@ -152,6 +153,7 @@ class Room:
         ``open_interlock``, ``close_interlock``      the door of the laser
         ``stick_shutter`` stuck                      the blade stays shut
         ``trouble`` name, value                      see :class:`sim_fixtures.bench.troubles.Troubles`
+        ``turn`` azimuth                             the illumination azimuth set at the manual stage, degree
         ``apertures`` a, b                           which of the two apertures in the beam are open
         ============================================ ===============================================================
 
@@ -253,3 +255,7 @@ class Room:
     def _apertures(self, a: bool, b: bool) -> None:
         with self.bench.lock:
             self.bench.apertures = {"a": bool(a), "b": bool(b)}
+
+    def _turn(self, azimuth: float) -> None:
+        with self.bench.lock:
+            self.bench.turned_by_hand = -float(azimuth)

@@ -86,6 +86,7 @@ class Bench:
         self.mounted: str = "reference"
         self.troubles = Troubles()
         self.apertures = {"a": True, "b": True}
+        self.turned_by_hand = 0.0  # degree, the sample on its manual stage
         self.motion_commands: Counter[str] = Counter()
         self.readings = 0
         self._noise = Noise(seed, facility.budget.measurement_noise, self.electronics)
@@ -212,7 +213,7 @@ class Bench:
         wavelength = self.selector.wavelengths[0]
         turned, polarizer = (angle(self.axes[name]) if name in self.axes else None for name in STAGES)
         arms = (illumination_zenith, sensor_zenith, sensor_azimuth)
-        return Geometry(self.mounted, *arms, wavelength, turned or 0.0, polarizer)
+        return Geometry(self.mounted, *arms, wavelength, (turned or 0.0) + self.turned_by_hand, polarizer)
 
     def _current(self, moment: Snapshot) -> float:
         beams = ((moment.geometry.wavelength, moment.light), *moment.further)
