@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSettings, QSize, Qt, QUrl
-from PySide6.QtGui import QDesktopServices, QIcon, QPixmap
+from PySide6.QtGui import QDesktopServices, QIcon, QImage, QPixmap
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
@@ -32,6 +32,7 @@ from gui.work import Work
 from instrument.states import FINAL
 
 _HEADS = ("Started (UTC)", "Title", "Points", "State", "Operator", "Sample", "Figures", "Folder")
+_PICTURE, _PICTURES = QSize(180, 110), 24  # size and number of the figures that are listed
 #: State of a run: sign and tone.
 _STATES = {
     "finished": ("check", "good"),
@@ -55,7 +56,8 @@ class RunsPage(Page):
         super().__init__(desk)
         self.runs: list[PastRun] = []
         self._shown: list[PastRun] = []
-        self._list, self._open = Work(self), Work(self)
+        self._list, self._open, self._read = Work(self), Work(self), Work(self)
+        self._read.finished.connect(self._show_figures)
         self._list.finished.connect(self._show)
         self._open.finished.connect(lambda task: task())
         self._open.failed.connect(self._complain)
@@ -141,7 +143,7 @@ class RunsPage(Page):
         self.figures.setViewMode(QListWidget.ViewMode.IconMode)
         self.figures.setFlow(QListWidget.Flow.LeftToRight)
         self.figures.setWrapping(False)
-        self.figures.setIconSize(QSize(180, 110))
+        self.figures.setIconSize(_PICTURE)
         self.figures.setMinimumHeight(150)
         self.figures.itemActivated.connect(
             lambda item: QDesktopServices.openUrl(QUrl.fromLocalFile(item.data(Qt.ItemDataRole.UserRole)))
@@ -212,18 +214,22 @@ class RunsPage(Page):
         self.buttons["report"].setEnabled(one is not None and one.report is not None)
         self.buttons["folder"].setEnabled(one is not None)
         self.figures.clear()
-        for path in one.figures[:24] if one else ():
-            picture = QPixmap(str(path)).scaled(180, 110, Qt.AspectRatioMode.KeepAspectRatio)
-            item = QListWidgetItem(QIcon(picture), path.stem)
-            item.setData(Qt.ItemDataRole.UserRole, str(path))
-            item.setToolTip(str(path))
-            self.figures.addItem(item)
-        self.figures.setVisible(self.figures.count() > 0)
-        self.no_figures.setVisible(self.figures.count() == 0)
+        paths = one.figures[:_PICTURES] if one else ()
+        self.figures.setVisible(bool(paths))
+        self.no_figures.setVisible(not paths)
+        self._read.do(lambda: [(path, _small(path)) for path in paths])
         if one is not None and one.overview.problem:
             self._say(one.overview.problem)
         else:
             self._say("")
+
+    def _show_figures(self, pictures: list[tuple[Path, QImage]]) -> None:
+        self.figures.clear()
+        for path, picture in pictures:
+            item = QListWidgetItem(QIcon(QPixmap.fromImage(picture)), path.stem)
+            item.setData(Qt.ItemDataRole.UserRole, str(path))
+            item.setToolTip(str(path))
+            self.figures.addItem(item)
 
     # Doing
 
@@ -311,6 +317,12 @@ class RunsPage(Page):
         value = settings.value("runs")
         if isinstance(value, str) and Path(value).is_dir() and self.desk.setup.runs == Path("runs"):
             self.desk.setup.runs = Path(value)
+
+
+def _small(path: Path) -> QImage:
+    """A figure as small as it is listed; read on a thread."""
+    ways = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+    return QImage(str(path)).scaled(2 * _PICTURE, *ways)
 
 
 def _row(run: PastRun) -> tuple[str, ...]:
