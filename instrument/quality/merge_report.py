@@ -55,6 +55,8 @@ def print_merge(summary: dict[str, Any], console: Console) -> None:
         f"between the runs {100 * summary['between_run_standard_deviation']:.2f} % (k = 1, {summary['method']});"
         f" Q = {summary['q']:.1f} where noise alone leaves {summary['q_expected']}, p = {summary['p_value']:.2g}"
     )
+    if float(special.chdtr(summary["q_expected"], summary["q"])) < _TOO_GOOD:
+        console.print("they agree better than their noise lets them: are these measurements of their own?")
     console.print(f"uncertainty of remounting: {_MEANING[summary['stability']]}")
     low, median, high = (100 * value for value in summary["relative_u_brf"])
     console.print(
@@ -63,6 +65,8 @@ def print_merge(summary: dict[str, Any], console: Console) -> None:
     )
 
 
+#: Runs that agree this well or better by chance are looked at again.
+_TOO_GOOD = 1e-3
 _MEANING = {
     "found": "as the runs scatter, with one degree of freedom less than runs",
     "stated": "as the budget of the runs states, over the root of their number",

@@ -179,6 +179,11 @@ def test_the_command_writes_a_run_that_others_read(tmp_path: Path) -> None:
     assert merged.attrs["merged_runs"] == files
     assert not any("u_brf_reference" in sentence for sentence in capabilities(merged))
     assert "u_brf_stability" in " ".join(capabilities(merged))
+    assert "better than their noise" not in output
+    write_run(run_with(np.linspace(0.4, 0.6, 9)), tmp_path / "d.nc")
+    write_run(run_with(np.linspace(0.4, 0.6, 9)), tmp_path / "e.nc")
+    alike = [str(tmp_path / "d.nc"), str(tmp_path / "e.nc")]
+    assert "better than their noise" in command("runs", "merge", *alike, "--out", str(tmp_path / "f.nc"))[1]
     with pytest.raises(InputError, match=r"is the same run as"):
         command("runs", "merge", files[0], files[0], "--out", str(tmp_path / "n.nc"))
     with pytest.raises(InputError, match=r"expected the name of a run file"):
