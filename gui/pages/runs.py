@@ -322,7 +322,7 @@ class RunsPage(Page):
 def _small(path: Path) -> QImage:
     """A figure as small as it is listed; read on a thread."""
     ways = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
-    return QImage(str(path)).scaled(2 * _PICTURE, *ways)
+    return QImage(str(path)).scaled(_PICTURE * 2, *ways)
 
 
 def _row(run: PastRun) -> tuple[str, ...]:
