@@ -145,7 +145,7 @@ class KeepOut(Form):
 class Arms(Form):
     """Travel of the arms, where they would touch, and how well their angles are known.
 
-    ``illumination_azimuth`` is the range of a manual stage that turns the sample under the arms (``docs/calibration.md``);
+    ``illumination_azimuth`` is the range of a manual stage under the sample (``docs/calibration.md``);
     ``sample_rotation`` and ``polarizer`` are there where the instrument has a motorised stage or polariser.
     """
 
