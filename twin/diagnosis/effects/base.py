@@ -81,8 +81,6 @@ class Effect(ABC):
         Effects with a similar signature.
     separated_by
         The scan that tells them apart.
-    version
-        To be raised with a change of what is rendered.
     catalogued
         Whether the data contract names the effect; another cause is told as a suspicion, not named.
     shapes
@@ -95,7 +93,6 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()
     confused_with: ClassVar[tuple[str, ...]] = ()
     separated_by: ClassVar[str] = ""
-    version: ClassVar[int] = 1
     catalogued: ClassVar[bool] = True
     shapes: ClassVar[int] = 6
 
