@@ -85,25 +85,35 @@ def wire_trial(
 def _kill(run: Path, folder: Path, laboratory: SimulatedLaboratory, moment: float, found: dict[str, Any]) -> bool:
     """Kill a scan after so many seconds; False where it ended before. Then the laboratory has to end safe by itself."""
     process = forked(lambda: _scan(run, folder, laboratory))
-    if not killed(process, time.monotonic() + moment):
+    time.sleep(moment)
+    under_way = _moving(laboratory.control("state"))
+    if found["kills"] % 2:  # every other kill waits for an arm to be under way
+        until = time.monotonic() + 3.0
+        while time.monotonic() < until and not under_way:
+            time.sleep(0.002)
+            under_way = _moving(laboratory.control("state"))
+    if not killed(process, time.monotonic()):
         return False
     state, began = laboratory.control("state"), time.monotonic()
     found["kills"] += 1
     found["emitting"] += state["emission"]
-    found["moving"] += any(axis["moving"] for axis in state["axes"].values())
+    found["moving"] += bool(under_way)
     while state["emission"] and time.monotonic() - began < WATCHDOG + PATIENCE:
         time.sleep(0.02)
         state = laboratory.control("state")
     found["dark_after_s"] = round(max(found["dark_after_s"], time.monotonic() - began), 2)
     if state["emission"]:
         found["wrong"].append(f"{run.name}: the source still emits after {WATCHDOG + PATIENCE:g} s")
-    if any(axis["moving"] for axis in state["axes"].values()):
+    if _moving(state):
         # A motion command already on its way is carried out; it leads along a checked path and then ends.
         time.sleep(20.0 / SPEED)
-        axes = laboratory.control("state")["axes"]
-        if any(axis["moving"] for axis in axes.values()):
+        if _moving(laboratory.control("state")):
             found["wrong"].append(f"{run.name}: an arm still moves")
     return True
+
+
+def _moving(state: dict[str, Any]) -> list[str]:
+    return [name for name, axis in state["axes"].items() if axis["moving"]]
 
 
 def _finish(
@@ -114,7 +124,7 @@ def _finish(
         wrong.append(f"{run.name}: " + ("an arm was not where it was recorded" if lied else _reason(run).read_text()))
         return
     state = laboratory.control("state")
-    if state["emission"] or state["shutter_open"] or any(axis["moving"] for axis in state["axes"].values()):
+    if state["emission"] or state["shutter_open"] or _moving(state):
         wrong.append(f"{run.name}: no safe end")
     lines = (run / JOURNAL_NAME).read_bytes().splitlines()
     indices = sorted(record["index"] for record in map(json.loads, lines) if record["kind"] == "point")

@@ -129,13 +129,18 @@ def _gain(amplifier: Amplifier) -> str:
         return error.problem  # after power-up no gain is selected yet, which is no failure of the connection
 
 
+def causes(results: list[CheckResult]) -> list[Text]:
+    """Where the file and the wires disagree, one line a device: too long for a column, and to be copied whole."""
+    return [Text(f"{result.role}: {result.cause}", style="bold red") for result in results if result.cause]
+
+
 def table(results: list[CheckResult]) -> Table:
     """The results for the terminal."""
     shown = Table(title="Devices")
     for heading in ("role", "line", "identity", "state", "check"):
         shown.add_column(heading, overflow="fold")
     for result in results:
-        words = result.cause or result.problem
+        words = "does not answer as expected: see below" if result.cause else result.problem
         verdict = Text("ok", style="green") if result.ok else Text(words, style="bold red")
         shown.add_row(result.role, result.line, Text(result.identity), Text(result.state), verdict)
     return shown

@@ -17,7 +17,7 @@ def check(
 
     from rich.console import Console
 
-    from drivers.check import check_devices, table
+    from drivers.check import causes, check_devices, table
     from drivers.configuration import endpoints, read_devices
     from drivers.errors import ConfigurationError
     from drivers.lock import InstrumentLock
@@ -26,7 +26,10 @@ def check(
     # Asking a device who it is may set it up anew: never under a scan that is using it.
     with InstrumentLock(endpoints(form)):
         results = check_devices(form)
-    Console().print(table(results))
+    console = Console()
+    console.print(table(results))
+    for cause in causes(results):
+        console.print(cause, soft_wrap=True)
     good = all(result.ok for result in results)
     if json_file is not None:
         content = {"devices": [result.as_dict() for result in results], "ok": good}

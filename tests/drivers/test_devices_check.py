@@ -52,6 +52,8 @@ def test_one_mute_device_fails_the_check_and_the_others_are_still_tried(
     failed = [device for device in json.loads(out.read_text())["devices"] if not device["ok"]]
     assert len(failed) == 1
     assert "no reply" in failed[0]["problem"]
+    assert f"sensor_zenith: {file}:" in outcome.output  # one line that can be copied
+    assert "devices.sensor_zenith.address = 9: expected Newport SMC100 at address 9" in outcome.output
 
 
 def test_a_wrong_file_is_one_message(app: typer.Typer, tmp_path: Path) -> None:
