@@ -117,9 +117,10 @@ def _tops(found: dict[str, Any]) -> set[str]:
 
 
 def test_priors_of_the_page_are_those_used():
-    for name, text in {"none": "0.5", "one": "0.33", "unknown": "0.14", "two": "0.03"}.items():
-        assert posterior.PRIOR[name] == float(text)
-        assert re.search(rf"\b{re.escape(text)}\b", PAGE)
+    (said,) = re.findall(r"\*\*Explanations\.\*\*(.*?)\n\n", PAGE, flags=re.DOTALL)
+    for name, value in posterior.PRIOR.items():
+        assert re.search(rf"\b{re.escape(f'{value:g}')}\b", said), name
+    assert sum(posterior.PRIOR.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("line", [line for block in blocks("sh") for line in block.strip().splitlines()])
