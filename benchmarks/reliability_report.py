@@ -57,7 +57,7 @@ def _interruptions(results: dict[str, Any]) -> str:
         "cut": ("journal cut within its last two lines", lambda r: f"{r['trials']} cuts"),
         "disk": ("disk full at a random byte, then room again", lambda r: f"{r['trials']} runs"),
         "wires": (
-            "`kill -9` at random moments, on real wires",
+            "`kill -9` on real wires, at random moments and in mid-move",
             lambda r: f"{r['kills']} kills, {r['trials']} runs",
         ),
     }
@@ -78,6 +78,7 @@ def _wires(result: dict[str, Any]) -> list[str]:
         f"({result['watchdog_s']:g} s here) had the source dark {result['dark_after_s']:g} s after the kill at the",
         "latest, and an arm ends the one move that it was given. Resumed, every point stands there once, reads what",
         "the uninterrupted scan read within 2 %, and was measured with the arms where the record says.",
+        *(("", result["remark"]) if "remark" in result else ()),
     ]
 
 
