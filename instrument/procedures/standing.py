@@ -11,6 +11,10 @@ from instrument.procedures.results import CalibrationResult, read_results
 from instrument.settings import ScanSettings
 
 
+#: Commands that are not called as their results are.
+_COMMANDS = {"alignment": "align", "dark-level": "calibrate dark", "gain-ratio": "calibrate gain"}
+
+
 def with_facility(settings: ScanSettings, facility: Facility) -> ScanSettings:
     """Settings of a scan, with what the facility says of its source where it says more."""
     wanted = facility.calibration
@@ -71,7 +75,7 @@ def certificate_line(facility: Facility, now: datetime) -> tuple[str, bool, str]
 
 
 def _line(name: str, days: float, last: CalibrationResult | None, now: datetime) -> tuple[str, bool, str]:
-    command = f"goniotwin {'align' if name == 'alignment' else f'calibrate {name}'}"
+    command = f"goniotwin {_COMMANDS.get(name, f'calibrate {name}')}"
     if last is None:
         return (name, False, f"never done; due every {days:g} days ({command})")
     age = max(last.age(now), timedelta(0)) / timedelta(days=1)
