@@ -10,7 +10,6 @@ from instrument.facility import Facility
 from instrument.procedures.results import CalibrationResult, read_results
 from instrument.settings import ScanSettings
 
-
 #: Commands that are not called as their results are.
 _COMMANDS = {"alignment": "align", "dark-level": "calibrate dark", "gain-ratio": "calibrate gain"}
 
