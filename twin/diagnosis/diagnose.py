@@ -11,11 +11,11 @@ from instrument.angles import FloatArray
 from twin.diagnosis.consistency import Consistency, judge
 from twin.diagnosis.fit import Fit
 from twin.diagnosis.followup import Proposal, proposals
-from twin.diagnosis.gap import Gap, measure_gap
+from twin.diagnosis.gap import Gap, gain_of, held_out, measure_gap
 from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.posterior import Posterior
 from twin.diagnosis.preparation import Prepared
-from twin.diagnosis.verdict import Decision, decide
+from twin.diagnosis.verdict import Decision, confirmed, decide
 from twin.diagnosis.where import Region, regions, unknown_gap
 
 Told = Callable[[str, float], None]
@@ -58,16 +58,15 @@ def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
     tell("consistency", 0.7)
     shapes = [shape for _, shape in problem.gaps]
     consistency = judge(problem.residual, problem.members, posterior, none, shapes)
+    tell("slices held out", 0.72)
+    folds = held_out(problem)
+    decision = confirmed(decision, consistency.consistent, gain_of(problem, folds))
     leading = none if decision.verdict in ("none", "unknown") else decision.leading.fit
     assert leading is not None
     weights = _weights(problem.members, leading)
-    tell("where", 0.75)
+    tell("where", 0.9)
     where = regions(problem.run, _located(prepared, decision, leading, weights))
-    tell("slices held out", 0.8)
-    gap = measure_gap(problem, leading)
-    if decision.verdict == "effects" and gap.gain <= 0:
-        # Evidence and held-out slices must agree.
-        decision = replace(decision, verdict="undecided", named=())
+    gap = measure_gap(problem, leading, folds)
     found = Diagnosis(prepared, posterior, consistency, tuple(where), decision, gap, leading.table)
     if prepared.facility is not None:
         tell("the next scan", 0.95)

@@ -91,15 +91,16 @@ class Fold:
         return self.explanations[0][0]
 
 
-def measure_gap(problem: Problem, leading: Fit, seed: int = 1) -> Gap:
+def measure_gap(problem: Problem, leading: Fit, folds: Sequence[Fold], seed: int = 1) -> Gap:
     """Measure how far the gap shrinks.
 
     Parameters
     ----------
     leading
         The leading explanation, fitted to all points.
+    folds
+        As :func:`held_out` gives them.
     """
-    folds = held_out(problem)
     table = np.zeros(len(problem.run))
     for fold in folds:
         table[fold.rows] = fold.table
@@ -116,8 +117,13 @@ def measure_gap(problem: Problem, leading: Fit, seed: int = 1) -> Gap:
         1.0 - held_after / before if before > 0 else 0.0,
         1.0 - float(np.sqrt(min(1.0, variance / before**2))) if before > 0 else 0.0,
         tuple(fold.choice.names for fold in folds),
-        sum(_gain(problem, fold) for fold in folds),
+        gain_of(problem, folds),
     )
+
+
+def gain_of(problem: Problem, folds: Sequence[Fold]) -> float:
+    """Nats by which choices made without a group predict it better than the nominal twin, all groups."""
+    return sum(_gain(problem, fold) for fold in folds)
 
 
 def shrink_of(before: float, after: float, variance: float) -> float:

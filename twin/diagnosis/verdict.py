@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,8 @@ TOLD_APART = 3.0
 LARGEST_CLASS = 5
 #: Least probability of what is said.
 _SURE = 0.5
+#: Nats by which held-out slices must speak for an effect in a run that looks consistent.
+_CONFIRMED = 1.0
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,26 @@ def decide(posterior: Posterior) -> Decision:
     else:
         verdict = "undecided"
     return Decision(verdict, named if verdict == "effects" else (), ranked(posterior, slots), leading)
+
+
+def confirmed(decision: Decision, consistent: bool, gain: float) -> Decision:
+    """What is said once the slices held out were asked.
+
+    Evidence and held-out slices must agree: an effect that predicts them no better than the nominal twin is not named.
+    Where the run is consistent as well, or would be and they hardly speak for the effect, nothing is wrong.
+
+    Parameters
+    ----------
+    consistent
+        Whether the run agrees with the twin within the budget.
+    gain
+        Nats by which what was chosen without them predicts the held-out slices better than the nominal twin.
+    """
+    if consistent:
+        return decision if gain >= _CONFIRMED else replace(decision, verdict="none", named=())
+    if decision.verdict == "effects" and gain <= 0:
+        return replace(decision, verdict="undecided", named=())
+    return decision
 
 
 def ranked(posterior: Posterior, leading: Sequence[Named]) -> tuple[Named, ...]:

@@ -120,7 +120,7 @@ def test_gap_before_and_after_is_the_relative_difference_to_the_measurement():
     change = errors(COLUMNS, KINDS[0], seed=4) + change_by("stray", 3.0)
     here = with_change(known(), change)
     leading = fitted(here, "stray")
-    found = measure_gap(here, leading)
+    found = measure_gap(here, leading, held_out(here))
     brf = here.run.brf
     assert found.before == pytest.approx(np.sqrt(np.mean(((here.nominal - brf) / brf) ** 2)))
     corrected = here.nominal * np.exp(leading.table)
@@ -131,7 +131,7 @@ def test_gap_before_and_after_is_the_relative_difference_to_the_measurement():
 def test_held_out_slices_improve_where_the_effect_is_there():
     change = errors(COLUMNS, KINDS[0], seed=5) + change_by("stray", 3.0)
     here = with_change(known(), change)
-    found = measure_gap(here, fitted(here, "stray"))
+    found = measure_gap(here, fitted(here, "stray"), held_out(here))
     assert all("stray" in names for names in found.chosen)
     assert found.gain > 10
     assert found.heldout_after < 0.6 * found.heldout_before
@@ -147,7 +147,7 @@ def test_held_out_slices_improve_where_the_effect_is_there():
 def test_sound_run_is_left_as_it_is():
     here = with_change(known(), errors(COLUMNS, KINDS[1], seed=6))
     none = fit_none(here.residual, here.members)
-    found = measure_gap(here, none)
+    found = measure_gap(here, none, held_out(here))
     assert found.chosen == ((),) * FOLDS
     assert found.heldout_after == pytest.approx(found.heldout_before)
     assert found.gain == pytest.approx(0.0)
@@ -166,7 +166,7 @@ def test_interval_is_the_same_for_the_same_seed_and_lies_in_order():
 def test_interval_of_a_plain_effect_says_something(kind: str):
     change = errors(COLUMNS, kind, seed=8) + change_by("stray", 3.0)
     here = with_change(known(), change)
-    found = measure_gap(here, fitted(here, "stray"))
+    found = measure_gap(here, fitted(here, "stray"), held_out(here))
     assert found.interval[0] > 0.3
     assert found.interval[1] - found.interval[0] < 0.6
 
@@ -176,7 +176,7 @@ def test_shrink_on_held_out_slices_lies_in_the_interval_expected_before():
     held, drawn = 0, 16
     for seed in range(drawn):
         here = with_change(known(), errors(COLUMNS, KINDS[seed % 3], seed) + change_by("stray", 2.5))
-        found = measure_gap(here, fitted(here, "stray"))
+        found = measure_gap(here, fitted(here, "stray"), held_out(here))
         held += found.interval[0] - 1e-9 <= found.shrink <= found.interval[1] + 1e-9
     # Of intervals that hold nine times in ten fewer would be seen less than once in 1000 times.
     assert held >= 10

@@ -7,7 +7,7 @@ import pytest
 
 from twin.diagnosis.fit import Fit
 from twin.diagnosis.posterior import Hypothesis, Posterior, normalised
-from twin.diagnosis.verdict import LARGEST_CLASS, TOLD_APART, decide
+from twin.diagnosis.verdict import LARGEST_CLASS, TOLD_APART, confirmed, decide
 
 
 def fit(*names: str) -> Fit:
@@ -69,6 +69,28 @@ def test_class_that_is_too_large_names_nothing(count: int):
 
 def test_effect_and_none_and_unknown_alike_is_undecided():
     assert decide(weighed((("tilt",), 0.0), unknown=-0.1, none=-0.1)).verdict == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("consistent", "gain", "verdict"),
+    [
+        (False, 20.0, "effects"),
+        (False, 0.5, "effects"),
+        (False, 0.0, "undecided"),
+        (True, 20.0, "effects"),
+        (True, 0.5, "none"),
+        (True, -3.0, "none"),
+    ],
+)
+def test_an_effect_is_named_where_held_out_slices_confirm_it(consistent: bool, gain: float, verdict: str):
+    said = confirmed(decide(weighed((("tilt",), 20.0))), consistent, gain)
+    assert said.verdict == verdict
+    assert bool(said.named) == (verdict == "effects")
+
+
+@pytest.mark.parametrize(("consistent", "verdict"), [(True, "none"), (False, "unknown")])
+def test_an_unknown_cause_is_said_of_runs_that_are_not_consistent(consistent: bool, verdict: str):
+    assert confirmed(decide(weighed(unknown=20.0)), consistent, 0.0).verdict == verdict
 
 
 def test_two_effects_are_both_named_each_with_its_class():
