@@ -86,7 +86,7 @@ def amendments(content: JournalContent) -> list[Amendment]:
 def amended(record: RunRecord, changes: Sequence[Amendment]) -> RunRecord:
     """What holds after amendments."""
     for amendment in changes:
-        record = record.model_copy(update=amendment.changes)
+        record = record.model_copy(update={str(key): word for key, word in amendment.changes.items()})
     return record
 
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from instrument.angles import FloatArray
 from instrument.beam_image import BeamImage
 from twin.artifact import Surface, SurfaceMesh
-from twin.light_pool import LightPaths, Places, Pool
+from twin.light_places import Places, Pool
+from twin.light_pool import LightPaths
 from twin.llvm import import_mitsuba
 from twin.material import Material
 from twin.optics import Layout

@@ -31,12 +31,17 @@ class Geometry(NamedTuple):
 
     def rounded(self) -> Geometry:
         """The same to 0.01 degree and 0.01 nm, as the cache knows it (``+ 0.0`` turns -0.0 into 0.0)."""
-        polarizer = None if self.polarizer is None else round(self.polarizer, 2) + 0.0
-        return Geometry(
-            self.mounted,
-            *(round(value, 2) + 0.0 for value in self[1:5]),
-            sample_rotation=round(self.sample_rotation, 2) + 0.0,
-            polarizer=polarizer,
+
+        def near(value: float) -> float:
+            return round(value, 2) + 0.0
+
+        return self._replace(
+            illumination_zenith=near(self.illumination_zenith),
+            sensor_zenith=near(self.sensor_zenith),
+            sensor_azimuth=near(self.sensor_azimuth),
+            wavelength=near(self.wavelength),
+            sample_rotation=near(self.sample_rotation),
+            polarizer=None if self.polarizer is None else near(self.polarizer),
         )
 
     def arguments(self) -> tuple[Any, ...]:
