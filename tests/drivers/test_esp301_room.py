@@ -45,7 +45,10 @@ def homed(axis: Axis) -> Axis:
 
 def go(axis: Axis, target: float) -> None:
     axis.start_move(target)
-    wait_for(lambda: axis.status().in_position)
+    try:
+        wait_for(lambda: axis.status().in_position)
+    except AssertionError:
+        raise AssertionError(f"not at {target}: {axis.position()}, {axis.status()}") from None
     assert abs(axis.position() - target) <= axis.tolerance
 
 
