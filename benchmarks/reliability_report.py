@@ -77,7 +77,7 @@ def _wires(result: dict[str, Any]) -> list[str]:
         f"{result['emitting']} met the source emitting and {result['moving']} an arm under way. Its own watchdog",
         f"({result['watchdog_s']:g} s here) had the source dark {result['dark_after_s']:g} s after the kill at the",
         "latest, and an arm ends the one move that it was given. Resumed, every point stands there once, reads what",
-        "the uninterrupted scan read within 2 %, and was measured with the arms where the record says.",
+        "the uninterrupted scan read within 4 %, and was measured with the arms where the record says.",
         *(("", result["remark"]) if "remark" in result else ()),
     ]
 

@@ -33,7 +33,7 @@ SPEED = 50.0
 WATCHDOG, PATIENCE = 2, 1.0
 SETTINGS = ScanSettings(dwell=5.0, keep_alive_wall=0.5, look_wall=0.5, relight="self", disk_reserve=0.0)
 #: What two readings of one point may differ by, relative: several times the noise of the simulated detector.
-ALIKE = 0.02
+ALIKE = 0.04
 #: Exit status of a scan that recorded an arm where it was not.
 LIED = 5
 
