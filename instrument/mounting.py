@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import logging
-import threading
-
-from instrument.control import AbortAsked, Controls
+from instrument.control import Controls
+from instrument.hands import HandsFailed, while_listening
 from instrument.operators import Mounted, Operator
-
-log = logging.getLogger(__name__)
 
 
 class OperatorFailed(RuntimeError):
@@ -25,23 +21,12 @@ def change_sample(operator: Operator, what: Mounted, controls: Controls) -> None
     Interruption
         If the scan is interrupted meanwhile, or the operator gave up.
     """
-    failures: list[BaseException] = []
-
-    def hands() -> None:
-        try:
-            operator.mount(what)
-        except KeyboardInterrupt as error:
-            failures.append(error)
-        except Exception as error:
-            log.debug("operator failed", exc_info=True)
-            failures.append(error)
-
-    thread = threading.Thread(target=hands, name=f"mount {what}", daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(0.02)
-        controls.checkpoint()
-    if failures and isinstance(failures[0], KeyboardInterrupt):
-        raise AbortAsked(f"the {what} was not put on the stage")
-    if failures:
-        raise OperatorFailed(f"the {what} could not be put on the stage: {failures[0]}") from failures[0]
+    try:
+        while_listening(
+            lambda: operator.mount(what),
+            controls,
+            name=f"mount {what}",
+            given_up=f"the {what} was not put on the stage",
+        )
+    except HandsFailed as failure:
+        raise OperatorFailed(f"the {what} could not be put on the stage: {failure}") from failure.__cause__

@@ -7,15 +7,12 @@ asks never blocks the engine: :func:`attend` waits on a thread of its own, and a
 from __future__ import annotations
 
 import getpass
-import logging
-import threading
 from datetime import UTC, datetime
 from typing import Literal, Protocol, runtime_checkable
 
-from instrument.control import AbortAsked, Controls
+from instrument.control import Controls
 from instrument.forms import Form
-
-log = logging.getLogger(__name__)
+from instrument.hands import HandsFailed, while_listening
 
 
 class Prompt(Form):
@@ -111,35 +108,20 @@ def attend(
     if not isinstance(operator, Guide):
         raise PromptFailed(f"{prompt.title}: nobody is there to answer; run it from a terminal")
     guide: Guide = operator
-    values: list[float | str | None] = []
-    failures: list[BaseException] = []
-
-    def ask() -> None:
-        try:
-            values.append(guide.reply(prompt))
-        except KeyboardInterrupt as error:
-            failures.append(error)
-        except Exception as error:
-            log.debug("no answer", exc_info=True)
-            failures.append(error)
-
-    thread = threading.Thread(target=ask, name=f"prompt {prompt.key}", daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(0.02)
-        controls.checkpoint()
-    if failures and isinstance(failures[0], KeyboardInterrupt):
-        raise AbortAsked(f"given up at: {prompt.title}")
-    if failures:
-        raise PromptFailed(f"{prompt.title}: {failures[0]}") from failures[0]
-    if objection := prompt.objection(values[0]):
-        raise PromptFailed(f"{prompt.title}: found {values[0]!r}; {objection}")
+    try:
+        value = while_listening(
+            lambda: guide.reply(prompt), controls, name=f"prompt {prompt.key}", given_up=f"given up at: {prompt.title}"
+        )
+    except HandsFailed as failure:
+        raise PromptFailed(f"{prompt.title}: {failure}") from failure.__cause__
+    if objection := prompt.objection(value):
+        raise PromptFailed(f"{prompt.title}: found {value!r}; {objection}")
     return Answer(
         key=prompt.key,
         title=prompt.title,
         time=now or datetime.now(UTC),
         who=account() if who is None else who,
-        value=values[0],
+        value=value,
         unit=prompt.unit,
     )
 
