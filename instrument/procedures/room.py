@@ -21,8 +21,9 @@ from instrument.errors import InputError, SafetyError
 from instrument.events import Geometry
 from instrument.facility import Facility, read_facility
 from instrument.laboratories import StartedLaboratory, laboratory_factory
+from instrument.procedures.people import Rehearsal
 from instrument.procedures.results import RESULTS
-from instrument.prompts import START_SOURCE, Answer, Prompt, attend
+from instrument.prompts import START_SOURCE, Answer, Guide, Prompt, attend
 from instrument.settings import ScanSettings
 from instrument.station import Station, each
 
@@ -167,6 +168,7 @@ def open_room(
     operator: object | None = None,
     settings: ScanSettings | None = None,
     laboratory: StartedLaboratory | None = None,
+    rehearsing: Guide | None = None,
 ) -> Iterator[Room]:
     """Connect, and end in the safe state: emission off, shutter closed, arms at rest.
 
@@ -176,6 +178,8 @@ def open_room(
         Who answers prompts; the simulated laboratory brings its own.
     laboratory
         One that runs already, in place of starting the simulated one.
+    rehearsing
+        A person who is asked before the simulated laboratory's own operator does what a prompt says.
 
     Raises
     ------
@@ -197,6 +201,7 @@ def open_room(
         if laboratory is not None:
             devices_path, facility_path = laboratory.inputs.devices, laboratory.inputs.facility
             operator = operator or laboratory.operator
+            operator = Rehearsal(rehearsing, operator) if rehearsing is not None else operator
         assert devices_path is not None
         assert facility_path is not None
         facility, form = read_facility(facility_path), read_devices(devices_path)
@@ -219,15 +224,18 @@ def open_room(
 
 @contextmanager
 def _interrupts(controls: Controls) -> Iterator[None]:
-    """Ctrl-C and a request to terminate end a procedure in an orderly way."""
+    """Ctrl-C and a request to terminate end a procedure in an orderly way; Ctrl-\\ (SIGQUIT) is its emergency stop."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def end(number: int, frame: FrameType | None) -> None:
-        controls.abort("interrupted at the terminal")
+        if number == signal.SIGQUIT:
+            controls.halt("emergency stop")
+        else:
+            controls.abort("interrupted at the terminal")
 
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
     before = {number: signal.signal(number, end) for number in numbers}
     try:
         yield

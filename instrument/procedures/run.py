@@ -14,10 +14,10 @@ from rich.table import Table
 from instrument.control import Interruption
 from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE, EXIT_INTERRUPTED
 from instrument.output import check_writable, write_json
+from instrument.procedures.people import LineOperator, person_in_charge
 from instrument.procedures.results import CalibrationResult, Finding, read_results, store
 from instrument.procedures.room import Room, RoomRequest, open_room
 from instrument.prompts import account
-from instrument.scan_run import Keyboard, TerminalOperator
 from instrument.settings import ScanSettings
 
 Work = Callable[[Room], Finding]
@@ -63,16 +63,18 @@ def run_procedure(
     if report is not None:
         check_writable(report)
     console = Console(highlight=False)
-    by_hand = TerminalOperator(Keyboard(), console)
+    person = person_in_charge(console)
+    operator = None if request.simulate else person
+    rehearsing = person if request.simulate and isinstance(person, LineOperator) else None
     try:
-        with open_room(request, None if request.simulate else by_hand, scan_settings) as room:
+        with open_room(request, operator, scan_settings, rehearsing=rehearsing) as room:
             room.say = lambda text: console.print(f"  {text}", markup=False)
             result = carry_out(room, name, work, settings)
     except Interruption as request_to_end:
         print(f"goniotwin: {request_to_end.reason}; nothing is stored", file=sys.stderr)
         return EXIT_INTERRUPTED
     finally:
-        by_hand.dismissed = True
+        person.dismissed = True
     path = store(result, request.results)
     show(console, result)
     console.print(f"Result: {path}", soft_wrap=True, markup=False)
