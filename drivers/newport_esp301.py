@@ -31,6 +31,8 @@ ERROR_QUEUE = 10
 #: Wall-clock s within which a command of motion must show, and between two looks.
 ACCEPT_DEADLINE, ACCEPT_PAUSE = 0.3, 0.02
 
+#: What answers a question looks like: nothing else tells it from a line that was garbled or meant for another.
+_FLAG, _CODE = re.compile(rb"[01]"), re.compile(rb"\d{1,3}")
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _VERSION = re.compile(rb"ESP30\d", re.I)
 _TEXT = re.compile(rb"(?![Ee]rr)[ -~]+")
@@ -83,7 +85,7 @@ class EspController:
         """
         general: list[int] = []
         for _ in range(ERROR_QUEUE + 1):
-            code = int(self.query(device, "TE?", _NUMBER))
+            code = int(self.query(device, "TE?", _CODE))
             if code == 0:
                 break
             if code in ALL_AXES:
@@ -333,10 +335,10 @@ class NewportEsp301:
     # ---- the wire -----------------------------------------------------------------------------------------------
 
     def _standing(self) -> bool:
-        return self._query("MD?", _NUMBER) != "0"
+        return self._query("MD?", _FLAG) != "0"
 
     def _powered(self) -> bool:
-        return self._query("MO?", _NUMBER) != "0"
+        return self._query("MO?", _FLAG) != "0"
 
     def _send(self, command: str) -> None:
         self._line.send(self.name, f"{self._options.axis}{command}\r".encode("ascii"), COMMAND_PAUSE)

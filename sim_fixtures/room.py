@@ -90,7 +90,7 @@ class Room:
         if stages:
             self._lines["stages"].serve(self._stages)
         self._lines["sensor-arms"].serve(self._chain)
-        self._lines["esp301"].serve(self._esp301)
+        self._lines["esp301"].serve(self._esp301, one_device=True)
         self._lines["laser"].serve(self._bus)
         for name, changes in (
             ("sensor-arms", {"mislead": changed_digit, "stray": of_next_controller}),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections import deque
 from collections.abc import Callable
 
 #: Faults of requests, and of replies.
@@ -127,6 +129,42 @@ def deliver(reply: bytes, faults: Faults, send: Callable[[bytes], None]) -> None
             timer.start()
         else:
             send(piece)
+
+
+class OutputBuffer:
+    """What one controller sends: a reply that is late holds up those behind it.
+
+    Parameters
+    ----------
+    send
+        The wire.
+    """
+
+    def __init__(self, send: Callable[[bytes], None]) -> None:
+        self._send = send
+        self._lock = threading.Lock()
+        self._waiting: deque[tuple[float, bytes]] = deque()
+
+    def deliver(self, reply: bytes, faults: Faults) -> None:
+        """Send a reply through the faults of its line, after all that were given before."""
+        if not reply:
+            return
+        with self._lock:
+            for delay, piece in faults.apply(reply):
+                self._waiting.append((time.monotonic() + delay, piece))
+            self._send_what_is_due()
+
+    def _send_what_is_due(self) -> None:
+        while self._waiting and self._waiting[0][0] <= time.monotonic():
+            self._send(self._waiting.popleft()[1])
+        if self._waiting:
+            timer = threading.Timer(self._waiting[0][0] - time.monotonic(), self._later)
+            timer.daemon = True
+            timer.start()
+
+    def _later(self) -> None:
+        with self._lock:
+            self._send_what_is_due()
 
 
 def changed_digit(request: bytes) -> bytes:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from sim_fixtures.devices.faults import Faults, deliver
+from sim_fixtures.devices.faults import Faults, OutputBuffer, deliver
 
 #: Wall-clock seconds between looks at a line that nobody has opened.
 _IDLE = 0.01
@@ -55,12 +55,24 @@ class SerialLine:
         self.baudrate: int | None = None
         self._connect()
 
-    def serve(self, handler: Handler) -> None:
-        """Answer with a device in a thread of its own."""
+    def serve(self, handler: Handler, one_device: bool = False) -> None:
+        """Answer in a thread of its own.
+
+        Parameters
+        ----------
+        handler
+            What stands at the far end.
+        one_device
+            Whether that is one device, whose replies never overtake each other; those of several on one bus may.
+        """
+        buffer = OutputBuffer(self.write)
 
         def receive(data: bytes) -> None:
             for reply in handler.feed(self.faults.misled(data)):
-                deliver(reply, self.faults, self.write)
+                if one_device:
+                    buffer.deliver(reply, self.faults)
+                else:
+                    deliver(reply, self.faults, self.write)
 
         handler.request_lost = self.faults.request_lost
         self.listen(receive)

@@ -17,8 +17,12 @@ ARMS = ("illumination_zenith", "sensor_azimuth", "sensor_zenith")
 
 @pytest.fixture(scope="module")
 def laboratory(simulation: SimulatedLaboratory) -> Iterator[Laboratory]:
-    """Every arm on the ESP301."""
-    connected = connect(simulation.inputs.devices.with_name("devices-esp301.toml"))
+    """Every arm on the ESP301; a lost reply is not waited for as long as usual."""
+    devices = simulation.inputs.devices.with_name("devices-esp301.toml")
+    assert "timeout = 1.0" in devices.read_text()
+    impatient = devices.with_name("impatient-esp301.toml")
+    impatient.write_text(devices.read_text().replace("timeout = 1.0", "timeout = 0.4"))
+    connected = connect(impatient)
     yield connected
     connected.close()
 
@@ -129,7 +133,7 @@ def test_a_lost_move_is_noticed_and_not_sent_again(simulation: SimulatedLaborato
 
 def test_a_late_reply_is_never_taken_for_the_next_one(simulation: SimulatedLaboratory, axis: Axis) -> None:
     go(axis, 30.0)
-    simulation.control("late_reply", device="esp301", count=1, delay=1.1)
+    simulation.control("late_reply", device="esp301", count=1, delay=0.5)  # after the version has been asked for
     assert axis.position() == pytest.approx(30.0, abs=axis.tolerance)
     go(axis, -20.0)
     assert axis.position() == pytest.approx(-20.0, abs=axis.tolerance)

@@ -131,6 +131,21 @@ def test_an_error_line_that_nobody_asked_for_is_no_reading(converse: Converse) -
         assert axis.position() == pytest.approx(12.5)
 
 
+def test_only_0_and_1_say_whether_an_arm_stands_and_has_power(converse: Converse) -> None:
+    # A position, say, that was meant for another question.
+    stray = [NO_ERROR, (b"2MD?\r", b"30\r\n0\r\n"), (b"2MO?\r", b"-20\r\n1\r\n")]
+    with axis_on(converse(*HOMING, *stray)) as axis:
+        axis.home()
+        axis.status()
+        status = axis.status()
+    assert (status.moving, status.homed, status.fault) == (True, True, "")
+
+
+def test_a_position_is_no_error(converse: Converse) -> None:
+    with axis_on(converse((b"TE?\r", b"-20.5\r\n0\r\n"), *state(True)[1:])) as axis:
+        assert axis.status().fault == ""
+
+
 def test_after_a_time_out_the_version_is_asked_for_before_anything_else(converse: Converse) -> None:
     peer = converse((b"2TP\r", Late(0.45, b"99\r\n")), (b"VE?\r", b"ESP301 Version 3.0.1\r\n"), ask("TP", "12.5"))
     with axis_on(peer, timeout=0.4) as axis:
