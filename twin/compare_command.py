@@ -134,7 +134,7 @@ def _compare(
 
     run = read_run(run_file)
     if prediction_file:
-        predicted = _read(prediction_file)
+        predicted = comparable_prediction(prediction_file)
     else:
         predicted = _predict(run, inputs, standard_error, seed, uncertainty, corrections)
     comparison = compare(run, predicted)
@@ -160,7 +160,8 @@ def _draw(comparison: Comparison, folder: Path) -> int:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
-def _read(file: Path) -> xr.Dataset:
+def comparable_prediction(file: Path) -> xr.Dataset:
+    """A prediction that says how exact it is; InputError where it does not."""
     from instrument.dataset import read_prediction
     from instrument.errors import InputError
 

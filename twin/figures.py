@@ -9,6 +9,7 @@ matplotlib's object interface is used, so that nothing depends on a display or o
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -75,13 +76,13 @@ def draw_plane(points: xr.Dataset, plane: Plane) -> Figure:
     plane
         Which of them to draw.
     """
-    rows = _by_zenith(points, plane)
+    rows = by_zenith(points, plane)
     figure = Figure(figsize=_SIZE_INCH)
     # Fixed margins: a layout engine would take three times as long for the same picture.
     margins = {"left": 0.095, "right": 0.985, "bottom": 0.085, "top": 0.86, "hspace": 0.17}
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2), gridspec_kw=margins)
-    _draw_reflectance(upper, rows)
-    _draw_difference(lower, rows)
+    draw_reflectance(upper, rows)
+    draw_difference(lower, rows)
     figure.text(margins["left"], 0.945, _title(plane), fontsize=11)
     _draw_thumbnail(figure, plane, rows)
     upper.set_ylabel("reflectance factor")
@@ -90,7 +91,7 @@ def draw_plane(points: xr.Dataset, plane: Plane) -> Figure:
     placed = {"fontsize": 8.5, "frameon": False, "borderaxespad": 0.2, "borderpad": 0.0, "loc": "lower left"}
     upper.legend(ncols=2, bbox_to_anchor=(0.0, 1.0), **placed)
     lower.legend(ncols=5, bbox_to_anchor=(0.0, 1.0), **placed)
-    _scale_zenith(lower, rows)
+    scale_zenith(lower, rows)
     return figure
 
 
@@ -115,10 +116,10 @@ def draw_overview(comparison: Comparison) -> Figure:
         cell = grid[line, column].subgridspec(2, 1, height_ratios=(3, 2), hspace=0.08)
         upper = figure.add_subplot(cell[0])
         lower = figure.add_subplot(cell[1], sharex=upper)
-        rows = _by_zenith(comparison.points, plane)
-        _draw_reflectance(upper, rows)
-        _draw_difference(lower, rows)
-        _scale_zenith(lower, rows, step=40)
+        rows = by_zenith(comparison.points, plane)
+        draw_reflectance(upper, rows)
+        draw_difference(lower, rows)
+        scale_zenith(lower, rows, step=40)
         upper.set_title(_title(plane, short=True), loc="left", fontsize=9)
         uppers.append(upper)
         lowers.append(lower)
@@ -127,8 +128,8 @@ def draw_overview(comparison: Comparison) -> Figure:
         if column == 0:
             upper.set_ylabel("reflectance factor", fontsize=8)
             lower.set_ylabel("difference / %", fontsize=8)
-    _share_limits(uppers)
-    _share_limits(lowers)
+    share_limits(uppers)
+    share_limits(lowers)
     handles = [handle for axis in (uppers[0], lowers[0]) for handle in axis.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="upper center", ncols=min(len(handles), 4 * columns), fontsize=9, frameon=False)
     figure.text(0.5, 0.12 / height, "sensor zenith / degree", ha="center", fontsize=9)
@@ -150,7 +151,8 @@ def _draw_thumbnail(figure: Figure, plane: Plane, rows: xr.Dataset) -> None:
     axis.set_axis_off()
 
 
-def _draw_reflectance(axis: Axes, rows: xr.Dataset) -> None:
+def draw_reflectance(axis: Axes, rows: xr.Dataset) -> None:
+    """Measured and simulated reflectance factors of one plane (:func:`by_zenith`) with k = 1 and k = 2."""
     zenith, simulated, u_simulated = _with_gaps(rows, "simulated", "u_simulated")
     axis.fill_between(zenith, simulated - 2 * u_simulated, simulated + 2 * u_simulated, color=BLUE, alpha=0.18, lw=0)
     axis.fill_between(zenith, simulated - u_simulated, simulated + u_simulated, color=BLUE, alpha=0.32, lw=0)
@@ -163,7 +165,8 @@ def _draw_reflectance(axis: Axes, rows: xr.Dataset) -> None:
     axis.grid(True, lw=0.4, alpha=0.5)
 
 
-def _draw_difference(axis: Axes, rows: xr.Dataset) -> None:
+def draw_difference(axis: Axes, rows: xr.Dataset) -> None:
+    """Relative differences of one plane in per cent, by category of t', on bands of 1 and 2 combined uncertainties."""
     zenith, sigma = _with_gaps(rows, "relative_combined")
     sigma = 100 * sigma
     axis.fill_between(zenith, -2 * sigma, 2 * sigma, color=GREY, alpha=0.18, lw=0, label=r"$\pm 2\,\sigma_c$")
@@ -177,7 +180,8 @@ def _draw_difference(axis: Axes, rows: xr.Dataset) -> None:
     axis.grid(True, lw=0.4, alpha=0.5)
 
 
-def _by_zenith(points: xr.Dataset, plane: Plane) -> xr.Dataset:
+def by_zenith(points: xr.Dataset, plane: Plane) -> xr.Dataset:
+    """The points of a plane along the sensor zenith, with their combined relative uncertainty."""
     rows = points.isel(point=list(plane.rows)).sortby("sensor_zenith")
     sigma = np.hypot(rows["u_simulated"], rows["u_measured"]) / np.abs(rows["measured"])
     return rows.assign(relative_combined=sigma)
@@ -192,14 +196,16 @@ def _with_gaps(rows: xr.Dataset, *names: str) -> tuple[NDArray[np.float64], ...]
     return tuple(np.insert(rows[name].values.astype(float), gaps, np.nan) for name in ("sensor_zenith", *names))
 
 
-def _scale_zenith(axis: Axes, rows: xr.Dataset, step: float = 20) -> None:
+def scale_zenith(axis: Axes, rows: xr.Dataset, step: float = 20) -> None:
+    """Symmetric limits and round marks along the sensor zenith."""
     extent = max(float(np.abs(rows["sensor_zenith"]).max()), 1.0)
     axis.set_xlim(-1.04 * extent, 1.04 * extent)
     if extent >= 1.5 * step:
         axis.xaxis.set_major_locator(MultipleLocator(step))
 
 
-def _share_limits(axes: list[Axes]) -> None:
+def share_limits(axes: list[Axes]) -> None:
+    """The same scale of values for all of them."""
     limits = np.array([axis.get_ylim() for axis in axes])
     for axis in axes:
         axis.set_ylim(limits[:, 0].min(), limits[:, 1].max())
@@ -217,11 +223,27 @@ def _title(plane: Plane, short: bool = False) -> str:
     )
 
 
-def _save(figure: Figure, stem: Path, formats: tuple[str, ...]) -> list[Path]:
+def rendered(figure: Figure, form: str, dpi: float = _DPI) -> bytes:
+    """A figure as the content of a file, the same bytes for the same figure.
+
+    Parameters
+    ----------
+    form
+        ``png``, ``svg`` or ``pdf``.
+    dpi
+        Of pixels; vector formats need it for what is no vector.
+    """
     FigureCanvasAgg(figure)
+    stream = io.BytesIO()
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(form)
+    figure.savefig(stream, format=form, dpi=dpi, metadata=undated)
+    return stream.getvalue()
+
+
+def _save(figure: Figure, stem: Path, formats: tuple[str, ...]) -> list[Path]:
     written = []
     for suffix in formats:
         path = stem.with_name(f"{stem.name}.{suffix}")
-        figure.savefig(path, dpi=_DPI, metadata={"Date": None} if suffix == "svg" else None)
+        path.write_bytes(rendered(figure, suffix))
         written.append(path)
     return written

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from instrument.files import write_atomically
-from twin.diagnosis import parity_only, report_page
+from twin import html_page
+from twin.diagnosis import parity_only
 from twin.diagnosis.diagnose import Diagnosis
 from twin.diagnosis.outcome import advice, chance_of, made_with, parameters, verdict_in_words, with_u
 from twin.diagnosis.parity import Parity
@@ -24,8 +25,8 @@ from twin.diagnosis.report_figures import (
     illuminations,
     summary,
 )
-from twin.diagnosis.report_page import bullets, heading, paragraph, picture, table
 from twin.diagnosis.verdict import TOLD_APART, Named
+from twin.html_page import bullets, heading, paragraph, picture, table
 
 #: Effects of the ranking that are listed.
 _LISTED = 10
@@ -55,7 +56,7 @@ def report(diagnosis: Diagnosis, symmetries: Sequence[Parity]) -> str:
         bullets(run.notes) or paragraph("Nothing: everything that a test could use is there."),
         *_made_with(diagnosis),
     ]
-    return report_page.page(f"Diagnosis of {_names(run.name)}", [part for part in parts if part])
+    return html_page.page(f"Diagnosis of {_names(run.name)}", [part for part in parts if part])
 
 
 def _made_with(diagnosis: Diagnosis) -> list[str]:

@@ -5,14 +5,12 @@ Sign and size are told by the markers' shape and area as well as by colour; colo
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -21,10 +19,8 @@ from twin.diagnosis.observation import Observation
 from twin.figures import BLACK, BLUE, GREY, VERMILION
 from twin.metrics import root_mean_square
 
-_DPI = 110
 #: Panels of a figure at most; further groups are named, not drawn.
 MOST_MAPS, MOST_PLANES = 8, 24
-_FACE = "white"
 
 
 @dataclass(frozen=True)
@@ -45,14 +41,6 @@ class Sides:
     before: FloatArray
     after: FloatArray
     u: FloatArray
-
-
-def png(figure: Figure) -> bytes:
-    """A figure as PNG."""
-    FigureCanvasAgg(figure)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI, facecolor=_FACE)
-    return stream.getvalue()
 
 
 def draw_maps(sides: Sides, *, score: bool) -> Figure:

@@ -1,4 +1,4 @@
-"""The page of a report: HTML without anything outside the file, readable on paper, on a light and on a dark screen."""
+"""Pages of reports: HTML without anything outside the file, readable on paper, on a light and on a dark screen."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from html import escape
 
 from matplotlib.figure import Figure
 
-from twin.diagnosis.report_figures import png
+from twin.figures import rendered
+
+#: Sharp enough on paper for pictures that are no wider than a page.
+_DPI = 110
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --paper: #ffffff; --faint: #5a5a5a; --line: #c9c9c9; --box: #f3f5f7; }
@@ -73,6 +76,17 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequenc
 
 def picture(figure: Figure, caption: str) -> str:
     """A figure inside the file, its caption as text for who cannot see it."""
-    data = base64.b64encode(png(figure)).decode()
-    text = escape(caption)
-    return f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+    return image(rendered(figure, "png", _DPI), "png", caption, caption)
+
+
+#: Media types of pictures.
+_MEDIA = {"png": "image/png", "svg": "image/svg+xml"}
+
+
+def image(content: bytes, form: str, caption: str, alternative: str) -> str:
+    """A picture (``png`` or ``svg``) inside the file; ``alternative`` is for who cannot see it."""
+    data = base64.b64encode(content).decode()
+    return (
+        f'<figure><img alt="{escape(alternative)}" src="data:{_MEDIA[form]};base64,{data}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
