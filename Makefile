@@ -2,9 +2,10 @@
 # make test   the whole test suite
 # make bench  the twin's speed, beside the program the paper tested; writes docs/performance.md
 # make judges  programs of others on our simulators, our drivers on theirs; writes docs/judges.md
+# make docs   the documentation as a site in build/docs; a broken link is an error
 # make reliability   scans that are killed, cut, starved and disturbed; writes docs/reliability.md
 # All make the environment first, from requirements.lock.
-.PHONY: setup demo test test-fast check bench judges reliability lock clean
+.PHONY: setup demo test test-fast check bench judges reliability docs lock clean
 BIN := .venv/bin
 WORKERS ?= 2
 
@@ -34,6 +35,9 @@ judges: setup
 
 reliability: setup
 	$(BIN)/python benchmarks/reliability.py
+
+docs: setup
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
 lock:
 	python3 -m venv build/lock && build/lock/bin/pip install --quiet uv
