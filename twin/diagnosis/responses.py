@@ -18,7 +18,16 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from instrument.angles import FloatArray
 from twin.diagnosis.acquisition import Acquisition
-from twin.diagnosis.effects import Effect, Known, Parameter, ReadingEffect, SceneEffect, ZenithEffect, library
+from twin.diagnosis.effects import (
+    AzimuthEffect,
+    Effect,
+    Known,
+    Parameter,
+    ReadingEffect,
+    SceneEffect,
+    ZenithEffect,
+    library,
+)
 from twin.diagnosis.renders import Rendered, RenderStore
 from twin.diagnosis.variation import Variation
 from twin.diagnosis.workbench import Progress, Workbench
@@ -26,6 +35,8 @@ from twin.optics import Setup
 
 #: Errors of the sensor zenith that are rendered, degree; closer near 0, where most effects are.
 ZENITH_NODES = np.array([-5.0, -3.0, -1.8, -0.9, 0.0, 0.9, 1.8, 3.0, 5.0])
+#: Errors of the sensor azimuth that are rendered, degree.
+AZIMUTH_NODES = np.array([-15.0, -7.5, 0.0, 7.5, 15.0])
 #: Least relative reading: the logarithm of nothing is no number.
 _LEAST = 1e-5
 _STEP = 1e-3
@@ -203,6 +214,32 @@ class ZenithResponse(_Common):
 
 
 @dataclass(frozen=True)
+class AzimuthResponse(_Common):
+    """An effect that turns the sensor: every point is looked up at its own error.
+
+    The reference counts as read alike from every azimuth.
+
+    Attributes
+    ----------
+    table, shape (node, point)
+        Over :data:`AZIMUTH_NODES`.
+    """
+
+    run: Acquisition
+    table: FloatArray
+    u_table: FloatArray
+
+    def log_ratio(self, values: FloatArray) -> FloatArray:
+        assert isinstance(self.effect, AzimuthEffect)
+        error = np.clip(self.effect.azimuth_error(self.run, values), AZIMUTH_NODES[0], AZIMUTH_NODES[-1])
+        return np.asarray(np.einsum("npk,kp->np", cardinal_spline(AZIMUTH_NODES)(error), self.table))
+
+    def again(self, run: Acquisition, rows: IntArray) -> AzimuthResponse:
+        """The response where some of the points are read again, in their order in ``run``."""
+        return replace(self, run=run, table=self.table[:, rows], u_table=self.u_table[:, rows])
+
+
+@dataclass(frozen=True)
 class ComputedResponse(_Common):
     """An effect on the reading.
 
@@ -228,7 +265,7 @@ class ComputedResponse(_Common):
         return np.asarray(np.log(np.maximum(ratio, _LEAST)))
 
 
-AnyResponse = TabulatedResponse | ZenithResponse | ComputedResponse
+AnyResponse = TabulatedResponse | ZenithResponse | AzimuthResponse | ComputedResponse
 
 
 @dataclass(frozen=True)
@@ -318,6 +355,9 @@ class _Plan:
         if isinstance(effect, ZenithEffect):
             zenith = [Variation(Setup(sensor_zenith_deg=float(node)), reference=Setup()) for node in ZENITH_NODES]
             return cls(effect, parameters, (), zenith, "sensor zenith")
+        if isinstance(effect, AzimuthEffect):
+            azimuth = [Variation(Setup(sensor_azimuth_deg=float(node))) for node in AZIMUTH_NODES]
+            return cls(effect, parameters, (), azimuth, "sensor azimuth")
         return cls(effect, parameters, (), [], "")
 
 
@@ -331,6 +371,8 @@ def _response(
     if isinstance(plan.effect, ZenithEffect):
         change = workbench.reference_change
         return ZenithResponse(plan.effect, plan.parameters, run, log_ratio, own.u, change)
+    if isinstance(plan.effect, AzimuthEffect):
+        return AzimuthResponse(plan.effect, plan.parameters, run, log_ratio, own.u)
     shape = [len(axis) for axis in plan.axes]
     reference = np.array([np.log(workbench.reference_change(v.reference_setup())) for v in plan.variations])
     table = (log_ratio - reference[:, None]).reshape(*shape, -1)

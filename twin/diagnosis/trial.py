@@ -11,6 +11,7 @@ import numpy as np
 
 from twin.diagnosis.gap import shrink_of
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.trial_reliability import Bin, bins, expected_calibration_error
 
 Kind = Literal["none", "single", "double", "outside"]
 #: A wrong claim with more probability than this is a confident one.
@@ -100,6 +101,10 @@ class Score:
         Shrink that the truth itself reaches; None where it is not known.
     covered
         Whether the 95 % interval of each parameter of an effect that was named by its own name holds the truth.
+    stated, stated_right
+        Probability of the most probable answer (none, unknown, or the first class), and whether it is right.
+    local
+        Whether the gap is larger than the uncertainty at less than half of the points.
     """
 
     name: str
@@ -115,6 +120,9 @@ class Score:
     shrink: float
     covered: tuple[bool, ...] = ()
     allowed: float | None = None
+    stated: float = 0.0
+    stated_right: bool = False
+    local: bool = False
 
 
 def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | None = None) -> Score:
@@ -135,6 +143,7 @@ def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | 
         right = {"none": verdict == "none", "single": first, "outside": verdict == "unknown"}[truth.kind]
     probability = float(named[0]["probability"]) if named else 0.0
     located = {point for region in found["where"] for point in region["points"]}
+    stated, stated_right = _statement(truth, found)
     return Score(
         name,
         truth,
@@ -149,7 +158,24 @@ def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | 
         float(found["gap"]["shrink"]),
         _covered(truth.parameters, named),
         None if run is None or not truth.brf else _allowed(truth, found["gap"], run),
+        stated,
+        stated_right,
+        run is not None and 0 < len(truth.where) < len(run) / 2,
     )
+
+
+def _statement(truth: Truth, found: Mapping[str, Any]) -> tuple[float, bool]:
+    """Probability of the most probable answer, and whether that answer is right; of two effects either one is."""
+    others = found.get("probabilities", {})
+    answers = [
+        (float(others.get("none", 0.0)), truth.kind == "none"),
+        (float(others.get("unknown", 0.0)), truth.kind == "outside"),
+    ]
+    for entry in found["ranking"][:1]:
+        answers.append(
+            (float(entry["probability"]), not truth.outside and bool(set(entry["class"]) & set(truth.effects)))
+        )
+    return max(answers, key=lambda answer: answer[0])
 
 
 def _allowed(truth: Truth, gap: Mapping[str, Any], run: Observation) -> float:
@@ -225,8 +251,9 @@ def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
         "one effect: class right, by severity": [
             _row(label, [s for s in single if low <= s.truth.severity < high]) for label, low, high in _BANDS
         ],
-        "one effect: class among the first three": [
-            Row("all", sum(s.among_three for s in single), len(single)),
+        "one effect: class among the first three, by severity": [
+            Row(label, *_count([s.among_three for s in single if low <= s.truth.severity < high]))
+            for label, low, high in _BANDS
         ],
         "one effect: class right, by effect": [
             _row(name, [s for s in single if s.truth.effects == (name,)])
@@ -246,22 +273,31 @@ def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
         "outside the library: wrongly confident": [
             Row("all", *_count([s.confident for s in scores if s.truth.kind == "outside"])),
         ],
+        "corrections that make the held-out gap larger": [
+            Row("all", *_count([s.shrink < 0 for s in scores if s.verdict == "effects"])),
+        ],
     }
 
 
 def figures(scores: Sequence[Score]) -> dict[str, float]:
-    """Medians over cases with one effect or two that were named right."""
+    """Figures of a trial: medians over cases with one effect or two that were named right, error of the calibration."""
     right = [s for s in scores if s.right and s.truth.effects and not s.truth.outside]
     ratios = [s.shrink / s.allowed for s in right if s.allowed]
-    overlaps = [s.overlap for s in right if s.overlap is not None]
-    return {
+    overlaps = [s.overlap for s in right if s.overlap is not None and s.local]
+    calibration = expected_calibration_error(reliability(scores))
+    return {"expected calibration error": calibration} | {
         label: float(np.median(values))
         for label, values in (
             ("held-out shrink over what the truth allows, median", ratios),
-            ("located region over the true one, intersection over union, median", overlaps),
+            ("local effects: located region over the true one, intersection over union, median", overlaps),
         )
         if values
     }
+
+
+def reliability(scores: Sequence[Score]) -> list[Bin]:
+    """Probabilities stated in a trial beside the share that was right."""
+    return bins([s.stated for s in scores], [s.stated_right for s in scores])
 
 
 def _row(label: str, scores: Sequence[Score]) -> Row:

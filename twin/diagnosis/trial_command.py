@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from twin.diagnosis.trial import Score, Truth
+    from twin.diagnosis.trial_reliability import Bin
 
 
 #: Columns of a printed table that goes into a file.
@@ -106,7 +107,7 @@ def _diagnose(
     # One thread a process: linear algebra on all cores in several processes makes each many times slower.
     os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     work = partial(diagnose_file, common=common, out=out, cache=cache)
-    with Progress(console=Console(stderr=True)) as progress:
+    with Progress(console=Console(stderr=True), refresh_per_second=0.5) as progress:
         task = progress.add_task("diagnosing", total=len(todo))
         # The first alone: it renders what all others use.
         for batch in (todo[:1], todo[1:]):
@@ -162,7 +163,7 @@ def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], runs: Pa
 
     from instrument.output import write_json
     from twin.diagnosis.observation import read_observation
-    from twin.diagnosis.trial import figures, score, summary
+    from twin.diagnosis.trial import figures, reliability, score, summary
 
     scores = [
         score(name, truths[name], diagnosis, read_observation(runs / f"{name}.nc") if truths[name].brf else None)
@@ -181,13 +182,28 @@ def _report(found: dict[str, dict[str, Any]], truths: dict[str, Truth], runs: Pa
             if row.trials:
                 table.add_row(row.label, row.text())
         console.print(table)
+    told = reliability(scores)
+    console.print(_reliability_table(told))
     medians = figures(scores)
     for label, value in medians.items():
-        console.print(f"{label}: {value:.2f}")
+        console.print(f"{label}: {value:.3f}")
     if json is not None:
         shares = {title: [asdict(row) for row in rows] for title, rows in tables.items()}
-        write_json(json, {"cases": [asdict(s) for s in scores], "tables": shares, "figures": medians})
+        write_json(
+            json,
+            {"cases": [asdict(s) for s in scores], "tables": shares, "figures": medians}
+            | {"reliability": [asdict(b) for b in told]},
+        )
         typer.echo(f"written: {json}")
+
+
+def _reliability_table(told: Sequence[Bin]) -> Any:
+    from rich.table import Table
+
+    table = Table("above", "to", "cases", "stated", "right", title="Probability of the answer", title_justify="left")
+    for b in told:
+        table.add_row(f"{b.low:g}", f"{b.high:g}", str(b.count), f"{b.stated:.3f}", f"{b.right:.3f}")
+    return table
 
 
 def _cases_table(scores: Sequence[Score]) -> Any:

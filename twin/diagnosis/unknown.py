@@ -17,6 +17,10 @@ from twin.diagnosis.likelihood import Normal, marginal
 UNKNOWN_SIZES = (1.5, 3.0)
 #: The twin's gap of an effect is as good as this, relative: other rims, other lobes, other time constants.
 RESPONSE_ERROR = 0.12
+#: An effect may follow another law than the library's, near at every point to that of its neighbours.
+LAW_ERROR = 0.2
+#: Shares of the gap as the twin renders it, with the response's error, and after another law.
+_TOLERANCES = (0.4, 0.4, 0.2)
 #: Structures of the largest prior weight under which an unknown gap is weighed.
 _BASE, _BESIDE = 8, 3
 
@@ -54,21 +58,25 @@ def smooth_evidence(
 
 
 def tolerant(fit: Fit, residual: FloatArray, members: Sequence[Normal], smooth: FloatArray) -> Fit:
-    """The fit, weighed half with the gap as the twin renders it, half with the response's own error.
+    """The fit, weighed with the gap as the twin renders it, with the response's own error, and after another law.
 
     Parameters
     ----------
     smooth, shape (point, point)
-        Correlation of half of the response's error; the other half is independent.
+        Correlation of another law's departure, and of half of the response's error; the other half is independent.
     """
-    size = RESPONSE_ERROR * fit.table
-    error = np.outer(size, size) * 0.5 * (smooth + np.eye(len(size)))
+    square = np.outer(fit.table, fit.table)
+    errors = (
+        RESPONSE_ERROR**2 * square * 0.5 * (smooth + np.eye(len(square))),
+        LAW_ERROR**2 * square * smooth,
+    )
     rest = residual - fit.table
     by = fit.by_structure.copy()
     for k in best_structures(fit, members).tolist():
         if np.isfinite(by[k]):
-            wide = replace(members[k], covariance=members[k].covariance + error)
-            gain = wide.log_density(rest) - members[k].log_density(rest)
-            by[k] += float(np.logaddexp(0.0, gain) - np.log(2.0))
+            exact = members[k].log_density(rest)
+            wider = [replace(members[k], covariance=members[k].covariance + error) for error in errors]
+            gains = np.array([0.0, *(member.log_density(rest) - exact for member in wider)])
+            by[k] += float(log_sum(gains + np.log(_TOLERANCES)))
     weighted = by + np.array([member.log_weight for member in members])
     return replace(fit, by_structure=by, log_evidence=float(log_sum(weighted)), best=int(np.argmax(weighted)))

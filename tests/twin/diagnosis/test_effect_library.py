@@ -159,22 +159,29 @@ def test_reference_reading_too_high_lowers_every_value():
 
 
 def test_polarization_cancels_over_the_azimuths_of_the_reference():
-    changed = read("polarization", 0.1)
+    changed = read("polarization", 0.1, 2.0)
     np.testing.assert_allclose(changed[:5], 0.5 * (1 + 0.1 * np.sin(np.deg2rad([60, 30, 0, -30, -60])) ** 2))
     np.testing.assert_allclose(changed[5:], 0.5 * (1 - 0.1 * np.sin(np.deg2rad([-60, -30, 0, 30, 60])) ** 2))
 
 
 def test_anisotropy_along_x_equals_polarization_and_turns_with_its_axis():
-    np.testing.assert_allclose(read("anisotropy", 0.1, 0.0), read("polarization", 0.1))
-    np.testing.assert_allclose(read("anisotropy", 0.1, 90.0), read("polarization", -0.1))
+    np.testing.assert_allclose(read("anisotropy", 0.1, 0.0, 2.0), read("polarization", 0.1, 2.0))
+    np.testing.assert_allclose(read("anisotropy", 0.1, 90.0, 2.0), read("polarization", -0.1, 2.0))
+
+
+def test_polarization_of_refracted_light_is_steeper_than_the_square_of_the_sine():
+    changed = read("polarization", 0.1, 6.0) / 0.5 - 1
+    np.testing.assert_allclose(changed[:5], 0.1 * np.sin(np.deg2rad([60, 30, 0, -30, -60])) ** 6)
 
 
 def test_arm_shadow_fades_away_from_retroreflection():
     run = acquisition(columns=columns(30.0, np.array([25.0, 20.0, 15.0, 0.0, -30.0]), 0.0), signal_per_brf=np.ones(5))
-    lost = 1 - read("arm_shadow", 0.2, brf=1.0, run=run)
+    lost = 1 - read("arm_shadow", 0.2, 8.0, brf=1.0, run=run)
     assert lost[0] == pytest.approx(0.2)
     assert np.all(np.diff(lost) < 0)
     assert lost[2] < 0.2 * 0.06
+    wide = 1 - read("arm_shadow", 0.2, 14.0, brf=1.0, run=run)
+    assert wide[2] == pytest.approx(0.2 * np.exp(-(15.0**2 - 5.0**2) / 14.0**2))
 
 
 def test_backlash_follows_the_direction_of_travel():

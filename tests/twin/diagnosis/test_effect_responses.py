@@ -72,6 +72,18 @@ def test_backlash_has_opposite_signs_for_opposite_travel(flat_bench: Workbench):
     np.testing.assert_allclose(up, -down, atol=2e-3)
 
 
+def test_scale_of_the_azimuth_turns_every_point_by_its_own_angle():
+    bench = Workbench(OVERFILLED, artifact(HOLES), lambertian(0.6), samples=1)
+    where = columns(30.0, np.array([50.0, 50.0, 50.0]), np.array([0.0, 90.0, 150.0]))
+    scaled = response("azimuth_scale", where, bench).relative(np.array([[0.05]]))[0]
+    offset = response("sensor_azimuth_offset", where, bench)
+    for point, azimuth in enumerate(where["sensor_azimuth"]):
+        turned = offset.relative(np.array([[0.05 * azimuth]]))[0]
+        assert scaled[point] == pytest.approx(turned[point], abs=1e-9)
+    assert scaled[0] == pytest.approx(0.0, abs=1e-12)
+    assert abs(scaled[2]) > 1e-4
+
+
 def test_reflectance_of_a_flat_coating_is_a_scale(flat_bench: Workbench):
     found = response("reflectance_scale", PLANE, flat_bench).relative(np.array([[0.93]]))[0]
     np.testing.assert_allclose(found, -0.07, atol=1e-4)

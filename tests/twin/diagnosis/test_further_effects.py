@@ -8,7 +8,7 @@ from traced_samples import artifact, columns, facility, flat
 
 from twin.artifact import Surface
 from twin.diagnosis.acquisition import Acquisition, travel_direction
-from twin.diagnosis.effects import Known, ReadingEffect, SceneEffect, ZenithEffect, effect, library
+from twin.diagnosis.effects import AzimuthEffect, Known, ReadingEffect, SceneEffect, ZenithEffect, effect, library
 from twin.material import lambertian
 
 ZENITH = np.array([60.0, 30.0, 0.0, -30.0, -60.0])
@@ -39,6 +39,8 @@ def test_a_cause_beyond_the_catalogue_does_nothing_at_its_nominal_values(found):
         np.testing.assert_allclose(found.reading(run, np.full(len(run), 0.5), nominal), 0.5, rtol=1e-12)
     elif isinstance(found, ZenithEffect):
         np.testing.assert_allclose(found.zenith_error(run, nominal[None]), 0.0, atol=1e-12)
+    elif isinstance(found, AzimuthEffect):
+        np.testing.assert_allclose(found.azimuth_error(run, nominal[None]), 0.0, atol=1e-12)
     else:
         variation = found.variation(nominal)
         assert not variation.artifact
@@ -55,6 +57,13 @@ def test_twisted_fibre_loses_light_once_a_turn_and_nothing_in_the_mean_of_the_re
     turned = np.deg2rad(AZIMUTH)
     expected = 0.5 * (1 + 0.03 * np.cos(turned) - 0.02 * np.sin(turned))
     np.testing.assert_allclose(read("cable_torsion", 0.03, -0.02), expected)
+
+
+def test_azimuth_scale_is_off_the_more_the_farther_from_the_plane_of_incidence():
+    found, run = effect("azimuth_scale"), acquisition()
+    assert isinstance(found, AzimuthEffect)
+    signed = np.where(AZIMUTH > 180, AZIMUTH - 360.0, AZIMUTH)
+    np.testing.assert_allclose(found.azimuth_error(run, np.array([[0.05]]))[0], 0.05 * signed)
 
 
 def test_source_jumps_between_two_points_and_stays():

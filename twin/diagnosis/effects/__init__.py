@@ -15,9 +15,27 @@ from types import ModuleType
 from typing import Any
 
 from instrument.errors import InputError
-from twin.diagnosis.effects.base import Effect, Known, Parameter, ReadingEffect, SceneEffect, ZenithEffect
+from twin.diagnosis.effects.base import (
+    AzimuthEffect,
+    Effect,
+    Known,
+    Parameter,
+    ReadingEffect,
+    SceneEffect,
+    ZenithEffect,
+)
 
-__all__ = ["Effect", "Known", "Parameter", "ReadingEffect", "SceneEffect", "ZenithEffect", "effect", "library"]
+__all__ = [
+    "AzimuthEffect",
+    "Effect",
+    "Known",
+    "Parameter",
+    "ReadingEffect",
+    "SceneEffect",
+    "ZenithEffect",
+    "effect",
+    "library",
+]
 
 GROUP = "goniotwin.effects"
 

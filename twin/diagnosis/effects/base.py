@@ -1,8 +1,9 @@
 """What an effect is: parameters, what it changes in the scene, and what it makes of a reading.
 
-An effect acts in one of three ways. A :class:`SceneEffect` changes instrument, sample or material, and is rendered. A
-:class:`ZenithEffect` moves the sensor arm by an angle that differs from point to point; one rendered table over the
-sensor zenith serves all of them. A :class:`ReadingEffect` changes what electronics and acquisition make of the light.
+An effect acts in one of four ways. A :class:`SceneEffect` changes instrument, sample or material, and is rendered. A
+:class:`ZenithEffect` or :class:`AzimuthEffect` moves the sensor arm by an angle that differs from point to point; one
+rendered table over that angle serves all of them. A :class:`ReadingEffect` changes what electronics and acquisition
+make of the light.
 """
 
 from __future__ import annotations
@@ -147,6 +148,14 @@ class ZenithEffect(Effect):
     def reference_setup(self, values: FloatArray, reference_zenith: float) -> Setup:
         """The instrument during the reference measurement, for values of shape (parameter,)."""
         return Setup()
+
+
+class AzimuthEffect(Effect):
+    """An effect that turns the sensor about the vertical, point by point."""
+
+    @abstractmethod
+    def azimuth_error(self, run: Acquisition, values: FloatArray) -> FloatArray:
+        """True minus commanded sensor azimuth in degree, shape (n, point), for values of shape (n, parameter)."""
 
 
 class ReadingEffect(Effect):

@@ -78,18 +78,26 @@ class GainStep(ReadingEffect):
 
 
 class Polarization(ReadingEffect):
-    """Response varying as cos(2 sensor azimuth) sin^2(sensor zenith)."""
+    """Response varying as cos(2 sensor azimuth) sin^q(sensor zenith); q = 2 unless the run says more.
+
+    Light that leaves a smooth body by refraction is polarised as sin^2 near the normal and far more steeply at grazing
+    views (Fresnel), light that a rough face reflects less steeply.
+    """
 
     name = "polarization"
     title = "detector sensitive to polarisation"
-    parameters = (Parameter("fraction", "1", 0.04, (-0.5, 0.5)),)
+    parameters = (
+        Parameter("fraction", "1", 0.04, (-0.5, 0.5)),
+        Parameter("power", "1", 1.0, (1.5, 8.0), nominal=2.0, shape=True),
+    )
     confused_with = ("anisotropy", "specular_lobe")
     separated_by = "the same scan with the polariser turned, or of the white reference"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        here = _polarised(run.columns["sensor_zenith"], run.columns["sensor_azimuth"])
-        reference = float(np.mean(_polarised(np.asarray(run.reference_zenith), run.reference_azimuth)))
-        return np.asarray(brf * (1 + values * here) / (1 + values * reference))
+        fraction, power = values[..., :1], values[..., 1:]
+        here = _polarised(run.columns["sensor_zenith"], run.columns["sensor_azimuth"], power)
+        there = _polarised(np.asarray(run.reference_zenith), run.reference_azimuth, power)
+        return np.asarray(brf * (1 + fraction * here) / (1 + fraction * np.mean(there, axis=-1, keepdims=True)))
 
 
 class ReferenceScale(ReadingEffect):
@@ -109,21 +117,25 @@ class ArmShadow(ReadingEffect):
     """Share of the light lost at the edge of the shadow cone, fading within about 15 degrees.
 
     fraction * exp(-(angle^2 - edge^2)/width^2), angle that between illumination and view: the penumbra of the detector
-    head, half of it lost within about 8 degrees.
+    head. It fades the faster, the smaller the source's image is against the head.
     """
 
     name = "arm_shadow"
     title = "arm or detector head cuts the beam"
-    parameters = (Parameter("fraction", "1", 0.1, (0.0, 1.0)),)
+    parameters = (
+        Parameter("fraction", "1", 0.1, (0.0, 1.0)),
+        Parameter("width_deg", "degree", 3.0, (5.0, 14.0), nominal=8.0, shape=True),
+    )
     confused_with = ("retroreflection",)
     separated_by = "a scan of the white reference at several illumination zeniths"
 
-    _WIDTH_DEG, _EDGE_DEG = 8.0, 5.0
+    _EDGE_DEG = 5.0
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
         angle = phase_angle_deg(run.columns)
-        lost = np.exp(-np.maximum(angle**2 - self._EDGE_DEG**2, 0.0) / self._WIDTH_DEG**2)
-        return np.asarray(brf * (1 - values * lost))
+        fraction, width = values[..., :1], values[..., 1:]
+        lost = np.exp(-np.maximum(angle**2 - self._EDGE_DEG**2, 0.0) / width**2)
+        return np.asarray(brf * (1 - fraction * lost))
 
     def not_applicable(self, known: Known) -> str:
         return "nothing shades the beam" if known.facility.arms.shadow_half_angle == 0 else ""
@@ -138,5 +150,6 @@ def phase_angle_deg(columns: dict[str, FloatArray]) -> FloatArray:
     return np.asarray(np.rad2deg(2 * np.arcsin(np.clip(np.linalg.norm(light - view, axis=-1) / 2, 0, 1))))
 
 
-def _polarised(zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
-    return np.asarray(np.cos(2 * np.deg2rad(azimuth)) * np.sin(np.deg2rad(zenith)) ** 2)
+def _polarised(zenith: FloatArray, azimuth: FloatArray, power: FloatArray) -> FloatArray:
+    """Shape (..., point) for powers of shape (..., 1)."""
+    return np.asarray(np.cos(2 * np.deg2rad(azimuth)) * np.abs(np.sin(np.deg2rad(zenith))) ** power)

@@ -16,7 +16,7 @@ from instrument.angles import FloatArray, direction
 from instrument.artifact import ArtifactDimensions
 from twin.artifact import Surface
 from twin.diagnosis.acquisition import Acquisition
-from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect, SceneEffect
+from twin.diagnosis.effects.base import AzimuthEffect, Known, Parameter, ReadingEffect, SceneEffect
 from twin.diagnosis.effects.travel import ByAngle
 from twin.diagnosis.variation import ArtifactChange, Variation
 
@@ -169,3 +169,16 @@ class ZenithScale(ByAngle):
 
     def error(self, zenith_rad: FloatArray, values: FloatArray) -> FloatArray:
         return np.asarray(values * np.rad2deg(zenith_rad))
+
+
+class AzimuthScale(AzimuthEffect):
+    """A gear ratio of the sensor's azimuth that is wrong: the error grows with the angle to the plane of incidence."""
+
+    name = "azimuth_scale"
+    title = "scale factor of the sensor's azimuth"
+    catalogued = False
+    parameters = (Parameter("fraction", "1", 0.04, (-0.08, 0.08)),)
+
+    def azimuth_error(self, run: Acquisition, values: FloatArray) -> FloatArray:
+        azimuth = run.columns["sensor_azimuth"]
+        return np.asarray(values * np.where(azimuth > 180.0, azimuth - 360.0, azimuth))

@@ -144,8 +144,9 @@ class Translucency(SceneEffect):
 class Anisotropy(ReadingEffect):
     """Relative modulation with twice the azimuth about an axis fixed in the sample.
 
-    1 + amplitude cos(2 (sensor azimuth - axis)) sin^2(sensor zenith): the lowest harmonic that is smooth where the view
-    along the normal has no azimuth.
+    1 + amplitude cos(2 (sensor azimuth - axis)) sin^q(sensor zenith), q = 2 unless the run says more: the lowest
+    harmonic that is smooth where the view along the normal has no azimuth. Grooves show as well near the normal as at
+    grazing views (q below 2), shadows between them at grazing views alone.
     """
 
     name = "anisotropy"
@@ -153,11 +154,13 @@ class Anisotropy(ReadingEffect):
     parameters = (
         Parameter("amplitude", "1", 0.04, (0.0, 0.5)),
         Parameter("axis_deg", "degree", 45.0, (0.0, 180.0), shape=True),
+        Parameter("power", "1", 1.0, (0.5, 4.0), nominal=2.0, shape=True),
     )
+    shapes = 5
     confused_with = ("polarization",)
     separated_by = "the same scan with the sample turned by 90 degrees"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        azimuth, sine2 = run.columns["sensor_azimuth"], np.sin(np.deg2rad(run.columns["sensor_zenith"])) ** 2
-        amplitude, axis = values[..., :1], values[..., 1:]
-        return np.asarray(brf * (1 + amplitude * np.cos(2 * np.deg2rad(azimuth - axis)) * sine2))
+        azimuth, sine = run.columns["sensor_azimuth"], np.abs(np.sin(np.deg2rad(run.columns["sensor_zenith"])))
+        amplitude, axis, power = values[..., :1], values[..., 1:2], values[..., 2:]
+        return np.asarray(brf * (1 + amplitude * np.cos(2 * np.deg2rad(azimuth - axis)) * sine**power))
