@@ -15,7 +15,7 @@ from twin.diagnosis.gap import Gap, gain_of, held_out, measure_gap
 from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.posterior import Posterior
 from twin.diagnosis.preparation import Prepared
-from twin.diagnosis.verdict import Decision, confirmed, decide
+from twin.diagnosis.verdict import Decision, confirmed
 from twin.diagnosis.where import Region, regions, unknown_gap
 
 Told = Callable[[str, float], None]
@@ -53,14 +53,13 @@ def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
     tell = told or (lambda what, share: None)
     problem = prepared.problem
     posterior = problem.posterior(lambda what, share: tell(what, 0.7 * share))
-    decision = decide(posterior)
     none = _fit_of(posterior, ())
     tell("consistency", 0.7)
     shapes = [shape for _, shape in problem.gaps]
     consistency = judge(problem.residual, problem.members, posterior, none, shapes)
     tell("slices held out", 0.72)
     folds = held_out(problem)
-    decision = confirmed(decision, consistency.consistent, gain_of(problem, folds))
+    posterior, decision = confirmed(posterior, consistency.consistent, gain_of(problem, folds))
     leading = none if decision.verdict in ("none", "unknown") else decision.leading.fit
     assert leading is not None
     weights = _weights(problem.members, leading)

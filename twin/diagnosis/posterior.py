@@ -71,6 +71,13 @@ class Posterior:
         names = {name for h in self.hypotheses for name in h.names if not h.unknown}
         return sorted(((name, self.of(name)) for name in names), key=lambda pair: -pair[1])
 
+    def favouring_none(self, odds: float) -> Posterior:
+        """The same where something else speaks for no gap, with such odds."""
+        none = np.array([not h.names and not h.unknown for h in self.hypotheses])
+        weight = self.probability * np.where(none, odds, 1.0)
+        order = np.argsort(-weight, kind="stable")
+        return Posterior(tuple(self.hypotheses[k] for k in order), weight[order] / weight.sum())
+
     def _total(self, chosen: Callable[[Hypothesis], bool]) -> float:
         return float(sum(p for h, p in zip(self.hypotheses, self.probability, strict=True) if chosen(h)))
 
