@@ -84,6 +84,7 @@ def _group(groups: dict[str, typer.Typer], path: str) -> typer.Typer:
 #: What the groups of this product are for; one that is not named here gets a plain line.
 _GROUP_HELP = {
     "runs": "Measured runs: list, show, compare, verify.",
+    "exchange": "Measurements in the forms of others, and theirs in ours.",
     "devices": "Connections to the instrument, real or simulated.",
     "calibrate": "Calibration procedures, their results and charts.",
 }

@@ -40,3 +40,16 @@ def check_writable(path: Path) -> None:
         raise InputError(f"{path}: there is no folder {path.parent}")
     if not os.access(path.parent, os.W_OK):
         raise InputError(f"{path}: cannot be written: the folder is read-only")
+
+
+def check_new(path: Path, force: bool) -> None:
+    """Refuse to write where something is already, unless a person asked for it.
+
+    Raises
+    ------
+    InputError
+        If the file exists and ``force`` is not set; or if it cannot be written (:func:`check_writable`).
+    """
+    check_writable(path)
+    if path.exists() and not force:
+        raise InputError(f"{path}: exists already; choose another name, or replace it with --force")

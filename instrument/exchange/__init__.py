@@ -1,0 +1,1 @@
+"""Measurements in the forms of others, and theirs in ours (``docs/exchange.md``)."""

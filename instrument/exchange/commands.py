@@ -1,0 +1,99 @@
+"""``goniotwin exchange``: measurements in the forms of others, and theirs in ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Run = Annotated[
+    Path, typer.Argument(metavar="RUN", help="A run folder, or a run file (.nc, .csv).", show_default=False)
+]
+Out = Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.", show_default=False)]
+Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
+
+
+def bird(
+    run: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN", help="A run folder or file; with --prediction, a prediction.", show_default=False
+        ),
+    ],
+    out: Out,
+    metadata: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML of what people know: institute, address, sample (docs/exchange.md).", show_default=False
+        ),
+    ] = None,
+    prediction: Annotated[bool, typer.Option("--prediction", help="Write the twin's prediction instead.")] = False,
+    force: Force = False,
+) -> None:
+    """Write a run in the universal BRDF data format 1.0 (JSON, DOI 10.1002/col.22790)."""
+    from instrument.exchange.bird_write import bird_document, read_metadata, unstated
+    from instrument.output import check_new, write_json
+    from instrument.quality.run_files import run_of
+    from instrument.run_read import read_prediction
+
+    check_new(out, force)
+    if prediction:
+        source = run / "prediction.nc" if run.is_dir() else run
+        dataset = read_prediction(source)
+    else:
+        source, dataset = run, run_of(run)
+    known = None if metadata is None else read_metadata(metadata)
+    document = bird_document(dataset, str(source), simulated=prediction, metadata=known)
+    write_json(out, document)
+    typer.echo(f"written: {out}, {dataset.sizes['point']} points")
+    missing = unstated(document)
+    if missing:
+        typer.echo(f"not stated, and named so in the file: {', '.join(missing)} (say it with --metadata)", err=True)
+
+
+def csv(run: Run, out: Out, force: Force = False) -> None:
+    """Write a run as a table, one row a point; the readings of the reference have no place in it."""
+    from instrument.errors import InputError
+    from instrument.output import check_new
+    from instrument.quality.run_files import run_of
+    from instrument.run_write import write_run
+
+    check_new(out, force)
+    if out.suffix.lower() != ".csv":
+        raise InputError(f"{out}: expected a name that ends in .csv")
+    dataset = run_of(run)
+    write_run(dataset, out)
+    typer.echo(f"written: {out}, {dataset.sizes['point']} points")
+
+
+def import_file(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="Universal BRDF (.json, .brdf), table or netCDF file.", show_default=False),
+    ],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The run file to write: .nc or .csv.", show_default=False)],
+    columns: Annotated[
+        Path | None,
+        typer.Option(help="Mapping (TOML) of columns or variables: docs/column_mapping.md.", show_default=False),
+    ] = None,
+    wavelength: Annotated[
+        float | None, typer.Option(help="nm, where the file states none.", show_default=False)
+    ] = None,
+    u_relative: Annotated[
+        float | None, typer.Option(help="Relative uncertainty, where the file states none.", show_default=False)
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Read a measurement in a form of others, and write it as a run file."""
+    from instrument.exchange.importing import import_any
+    from instrument.output import check_new
+    from instrument.run_read import capabilities
+    from instrument.run_write import write_run
+
+    check_new(out, force)
+    found = import_any(file, columns, wavelength=wavelength, u_relative=u_relative)
+    write_run(found.run, out)
+    typer.echo(f"written: {out}, {found.run.sizes['point']} points")
+    for sentence in (*found.notes, *capabilities(found.run)):
+        typer.echo(f"- {sentence}")
