@@ -15,6 +15,8 @@ from instrument.run_schema import ALIASES, GLOBALS, REQUIRED, SCAN_DIRECTIONS, U
 #: How alike an unknown name must be to a missing known one to count as a slip.
 _LIKENESS = 0.8
 _NUMERIC = "iufb"
+#: Coordinates of instruments with more than three arms (:mod:`instrument.run_axes`): never a slip of another name.
+_FURTHER = ("sample_rotation", "polarization", "repetition")
 
 
 def checked(dataset: xr.Dataset, source: str, known: Mapping[str, Variable]) -> xr.Dataset:
@@ -57,7 +59,7 @@ def checked(dataset: xr.Dataset, source: str, known: Mapping[str, Variable]) -> 
 
 def _check_names(dataset: xr.Dataset, source: str, known: Mapping[str, Variable]) -> None:
     found = [str(name) for name in dataset.variables]
-    strangers = [name for name in found if name not in known and name not in dataset.dims]
+    strangers = [name for name in found if name not in (*known, *_FURTHER, *dataset.dims)]
     for name, variable in known.items():
         if name in found:
             continue

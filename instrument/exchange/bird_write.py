@@ -58,6 +58,10 @@ _PEOPLE_KNOW = {
         "zero_azimuth_location": "azimuth 0 of the laboratory, in the plane that the illumination arm moves in",
     },
 }
+#: What the schema takes where there is no instrument, and here too where too little of it is stated.
+NOT_APPLICABLE = "NA"
+#: Required of the light source.
+_SOURCE = ("type", "power")
 _COORDINATES = (*GEOMETRY, "sample_rotation", "repetition", "time")
 
 
@@ -101,12 +105,15 @@ def bird_document(
     """
     arrays = _arrays(run, source)
     told = _told(run, source, simulated)
+    stated = _merged(_merged(_PEOPLE_KNOW, told), metadata or {})
+    if _source_unknown(stated["instrumentation"]):
+        stated["instrumentation"] = NOT_APPLICABLE
     head: dict[str, Any] = {
         "schema": SCHEMA,
         "id": _identity(run, arrays),
         "type": "BRDF",
         "timestamp": _timestamp(run),
-        **_merged(_merged(_PEOPLE_KNOW, told), metadata or {}),
+        **stated,
         "method": "simulation" if simulated else "measurement",
         "adhoc_section": {SECTION: _section(run)},
     }
@@ -122,7 +129,18 @@ def unstated(document: Mapping[str, Any]) -> list[str]:
         return [path] if value in (UNSTATED, _PEOPLE_KNOW["provenance"]["email"]) else []
 
     head = document["metadata"]
-    return look({name: head.get(name) for name in ("provenance", "sample", "instrumentation")}, "")
+    names = look({name: head.get(name) for name in ("provenance", "sample", "instrumentation")}, "")
+    if head["instrumentation"] == NOT_APPLICABLE and head["method"] == "measurement":
+        names += [f"instrumentation.illumination_system.source.{key}" for key in _SOURCE]
+    return names
+
+
+def _source_unknown(instrumentation: Any) -> bool:
+    """Whether the schema would refuse the instrument: of its light source nobody stated what a run does not know."""
+    if not isinstance(instrumentation, Mapping):
+        return False
+    known = instrumentation.get("illumination_system", {}).get("source", {})
+    return any(key not in known for key in _SOURCE)
 
 
 def _arrays(run: xr.Dataset, source: str) -> dict[str, Any]:
@@ -181,7 +199,7 @@ def _told(run: xr.Dataset, source: str, simulated: bool) -> dict[str, Any]:
     told: dict[str, Any] = {
         "description": f"{kind} reflectance of {sample}: {title}, {run.sizes['point']} points.",
         "software": {"name": "goniotwin", "version": version("goniotwin")},
-        "instrumentation": "NA",
+        "instrumentation": NOT_APPLICABLE,
         "environment": _environment(run),
     }
     if "sample" in attributes:
@@ -201,7 +219,7 @@ def _told(run: xr.Dataset, source: str, simulated: bool) -> dict[str, Any]:
 def _environment(run: xr.Dataset) -> Any:
     """Mean temperature and humidity while the points were read; the schema wants a temperature or nothing."""
     if "environment_temperature" not in run or run["environment_temperature"].attrs.get("units") != "degC":
-        return "NA"
+        return NOT_APPLICABLE
     found: dict[str, Any] = {
         "temperature": {"value": float(run["environment_temperature"].values.mean()), "unit": "°C"}
     }
@@ -221,7 +239,11 @@ def _instrumentation(run: xr.Dataset, attributes: Mapping[str, str], source: str
     told: dict[str, Any] = {
         "name": facility.name,
         "operation_type": "relative",
-        "illumination_system": {"name": UNSTATED, "source": {"name": UNSTATED}, "beam": _beam(facility)},
+        "illumination_system": {
+            "name": UNSTATED,
+            "source": {"name": UNSTATED, "wl_range": span},
+            "beam": _beam(facility),
+        },
         "detection_system": {
             "name": UNSTATED,
             # Of the sensor itself the run knows nothing; it has seen these wavelengths.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from instrument.__main__ import main
 from instrument.events import Geometry
 from instrument.facility import Facility
 from instrument.forms import parse_form, parse_toml
@@ -145,3 +146,11 @@ def minimal_run(points: int = 3) -> xr.Dataset:
     }
     dataset = xr.Dataset({name: ("point", values, {"units": unit}) for name, (values, unit) in columns.items()})
     return dataset.set_coords(list(columns)[:5])
+
+
+def status(*words: object) -> int:
+    """Exit status of a command."""
+    try:
+        return main([str(word) for word in words])
+    except SystemExit as end:
+        return int(end.code or 0)
