@@ -74,6 +74,11 @@ def overview(folder: Path) -> Overview:
         content = read_journal(folder)
     except InputError as error:
         return Overview(folder, problem=str(error))
+    return overview_of(content, folder)
+
+
+def overview_of(content: JournalContent, folder: Path) -> Overview:
+    """A run in one row, from its journal."""
     record = current_record(content)
     ended = [line for line in content.others if line["kind"] == "ended"]
     return Overview(

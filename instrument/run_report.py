@@ -12,11 +12,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from instrument.catalogue.entry import Entry
 from instrument.errors import InputError
 from instrument.journal import read_journal
 from instrument.plan import describe
 from instrument.records import SkippedRecord
-from instrument.run_archive import Overview, Verification, overview
+from instrument.run_archive import Verification, overview
 from instrument.run_axes import POLARIZATIONS
 from instrument.run_folder import RUN_NAME
 from instrument.run_read import capabilities, read_run
@@ -26,16 +27,26 @@ from instrument.run_schema import FLAG_MASKS
 _FLAGS = dict(zip(("saturated", "overload", "shadowed", "repeated"), FLAG_MASKS, strict=True))
 
 
-def overview_table(rows: Sequence[Overview]) -> Table:
-    """One row a run."""
-    table = Table("run", "started (UTC)", "title", "sample", "operator", "points", "skipped", "outcome")
-    for row in rows:
-        if row.problem:
-            table.add_row(row.folder.name, *[""] * 6, f"[red]{escape(row.problem)}[/red]")
-        else:
-            points = f"{row.measured} of {row.planned}"
-            words = (escape(text) for text in (row.title, row.sample, row.operator))
-            table.add_row(row.folder.name, row.created[:19], *words, points, str(row.skipped or ""), row.outcome)
+def overview_table(rows: Sequence[Entry]) -> Table:
+    """One row a run; columns that no run has anything for are left out."""
+    columns = {
+        "run": [row.name for row in rows],
+        "started (UTC)": [row.created[:16].replace("T", " ") for row in rows],
+        "title": [escape(row.title) for row in rows],
+        "sample": [escape(row.sample) for row in rows],
+        "operator": [escape(row.operator) for row in rows],
+        "points": [f"{row.measured} of {row.planned}" if row.created else "" for row in rows],
+        "skipped": [str(row.skipped or "") for row in rows],
+        "outcome": [f"[red]{escape(row.problem)}[/red]" if row.problem else row.outcome for row in rows],
+        "twin / %": ["" if row.relative_rmse is None else f"{100 * row.relative_rmse:.2f}" for row in rows],
+        "diagnosis": [escape(row.verdict) for row in rows],
+    }
+    table = Table()
+    said = {head: cells for head, cells in columns.items() if any(cells)}
+    for head in said:
+        table.add_column(head, no_wrap=head in ("started (UTC)", "points"), overflow="fold")
+    for cells in zip(*said.values(), strict=True):
+        table.add_row(*cells)
     return table
 
 

@@ -12,19 +12,49 @@ Json = Annotated[Path | None, typer.Option("--json", help="Write the same for pr
 
 def list_runs(
     folder: Annotated[Path, typer.Argument(help="Folder that holds run folders.")] = Path("runs"),
+    plan: Annotated[str, typer.Option(help="Part of the plan's title.", show_default=False)] = "",
+    sample: Annotated[str, typer.Option(help="Part of the sample's name.", show_default=False)] = "",
+    operator: Annotated[str, typer.Option(help="Part of the operator's name.", show_default=False)] = "",
+    project: Annotated[str, typer.Option(help="Part of the project's name.", show_default=False)] = "",
+    since: Annotated[str, typer.Option(help="Started on this day (UTC) or later.", show_default=False)] = "",
+    until: Annotated[str, typer.Option(help="Started on this day (UTC) or earlier.", show_default=False)] = "",
+    state: Annotated[
+        str,
+        typer.Option(help="finished, aborted, halted, faulted, interrupted, running, damaged.", show_default=False),
+    ] = "",
+    diagnosis: Annotated[str, typer.Option(help="Part of the diagnosis: verdict or effect.", show_default=False)] = "",
+    wavelength: Annotated[float | None, typer.Option(help="nm, measured in the run.", show_default=False)] = None,
+    where: Annotated[
+        list[str] | None, typer.Option(help="Figure of merit, like relative_rmse<0.03.", show_default=False)
+    ] = None,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Read every folder again.")] = False,
     json_file: Json = None,
 ) -> None:
-    """List the runs in a folder: when, what, how many points, how it ended."""
+    """List the runs in a folder, or those that a search finds: when, what, how many points, how it ended."""
     from rich.console import Console
 
+    from instrument.catalogue.search import Query, condition, moment
+    from instrument.catalogue.store import Catalogue
     from instrument.output import write_json
-    from instrument.run_archive import overviews
     from instrument.run_report import overview_table
 
-    rows = overviews(folder)
-    Console(highlight=False).print(overview_table(rows) if rows else f"{folder}: no runs")
+    query = Query(
+        plan=plan,
+        sample=sample,
+        operator=operator,
+        project=project,
+        verdict=diagnosis,
+        state=state,
+        since=moment(since, "--since") if since else None,
+        until=moment(until, "--until", end=True) if until else None,
+        wavelength=wavelength,
+        conditions=[condition(text) for text in where or []],
+    )
+    rows = Catalogue(folder).search(query, rebuild=rebuild)
+    nothing = f"{folder}: no runs" + ("" if query == Query() else " that the search holds for")
+    Console(highlight=False).print(overview_table(rows) if rows else nothing)
     if json_file is not None:
-        write_json(json_file, [row.as_dict() for row in rows])
+        write_json(json_file, [row.as_dict(folder) for row in rows])
 
 
 def show(

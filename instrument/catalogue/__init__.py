@@ -1,0 +1,1 @@
+"""What runs there are: a catalogue that can be made again from the run folders at any time (``docs/records.md``)."""
