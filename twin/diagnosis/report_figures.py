@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
@@ -156,10 +156,22 @@ def _draw_plane(axes: Axes, sides: Sides, points: NDArray[np.int64]) -> None:
     axes.tick_params(labelsize=7)
 
 
+def ranking_height(names: Sequence[str]) -> float:
+    """Height in inch of :func:`ranking_bars`."""
+    return 0.36 * len(names) + 0.75
+
+
 def draw_ranking(names: Sequence[str], probabilities: Sequence[float]) -> Figure:
     """Probabilities as bars, numbers beside them."""
-    figure = Figure(figsize=(6.4, 0.36 * len(names) + 0.75))
-    axes = figure.add_axes((0.36, 0.42 / (0.36 * len(names) + 0.75), 0.56, 1 - 0.5 / (0.36 * len(names) + 0.75)))
+    figure = Figure(figsize=(6.4, ranking_height(names)))
+    ranking_bars(figure, names, probabilities)
+    return figure
+
+
+def ranking_bars(figure: FigureBase, names: Sequence[str], probabilities: Sequence[float]) -> None:
+    """:func:`draw_ranking` in a figure, or part of one, of :func:`ranking_height`."""
+    height = ranking_height(names)
+    axes = figure.add_axes((0.36, 0.42 / height, 0.56, 1 - 0.5 / height))
     place = np.arange(len(names))[::-1]
     axes.barh(place, probabilities, color=BLUE, height=0.62)
     for y, probability in zip(place, probabilities, strict=True):
@@ -170,12 +182,21 @@ def draw_ranking(names: Sequence[str], probabilities: Sequence[float]) -> Figure
     axes.set_xlabel("probability", fontsize=8.5)
     axes.tick_params(axis="x", labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure
+
+
+#: Height in inch of :func:`gap_bars`.
+GAP_HEIGHT = 1.75
 
 
 def draw_gap(before: float, after: float, left: float) -> Figure:
     """The held-out gap before and after, beside what noise and budget alone leave."""
-    figure = Figure(figsize=(6.4, 1.75))
+    figure = Figure(figsize=(6.4, GAP_HEIGHT))
+    gap_bars(figure, before, after, left)
+    return figure
+
+
+def gap_bars(figure: FigureBase, before: float, after: float, left: float) -> None:
+    """:func:`draw_gap` in a figure, or part of one, of :data:`GAP_HEIGHT`."""
     axes = figure.add_axes((0.36, 0.28, 0.56, 0.68))
     names = ["held-out slices, before", "held-out slices, after", "noise and budget alone"]
     values = 100 * np.array([before, after, left])
@@ -189,7 +210,6 @@ def draw_gap(before: float, after: float, left: float) -> Figure:
     axes.set_xlabel("root mean square relative difference / %", fontsize=8.5)
     axes.tick_params(axis="x", labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure
 
 
 def illuminations(run: Observation) -> list[tuple[str, NDArray[np.int64]]]:
