@@ -9,7 +9,9 @@ from pathlib import Path
 
 HOME = Path(__file__).parents[2]
 DOCS = HOME / "docs"
-_FENCE = re.compile(r"^(?P<indent> *)```(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)```\s*$", re.MULTILINE | re.DOTALL)
+_FENCE = re.compile(
+    r"^(?P<indent> *)```(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)```\s*$", re.MULTILINE | re.DOTALL
+)
 _CODE_SPAN = re.compile(r"(?<!`)`(?!`)([^`]+)`(?!`)")
 #: What a line begins with that is a command.
 _PROGRAMS = ("goniotwin ", ".venv/bin/", "make ", "python ", "git ", "cd ", "cp ", "pip ", "source ")
