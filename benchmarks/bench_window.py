@@ -27,6 +27,7 @@ from PySide6.QtCore import QObject, QSettings, QTimer
 
 from gui.application import load_qt, start_application
 from gui.notices import ControllerStarting
+from gui.run import keep_collections_short
 from gui.setup import Setup
 from gui.window import MainWindow
 from instrument.events import (
@@ -165,6 +166,7 @@ def run(count: int, rate: float, page: str, warm: int) -> dict[str, Any]:
     application = start_application()
     settings = QSettings(os.devnull, QSettings.Format.IniFormat)
     window = MainWindow(lambda listener, plan: NoScan(), settings, setup=Setup(simulate=True))
+    keep_collections_short(window)
     window.show()
     points = points_of(count)
     begin(window, points)

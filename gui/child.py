@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import sys
 from collections.abc import Sequence
 
 from PySide6.QtCore import QObject, QProcess, QProcessEnvironment, Signal
 
+#: How procedures are told that a program shows their prompts (:mod:`instrument.procedures.people`).
+PROMPTS = "GONIOTWIN_PROMPTS"
 _COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
@@ -43,6 +47,7 @@ class Child(QObject):
         environment.insert("PYTHONUNBUFFERED", "1")
         environment.insert("COLUMNS", "110")
         environment.insert("NO_COLOR", "1")
+        environment.insert(PROMPTS, "json")
         process.setProcessEnvironment(environment)
         process.setProcessChannelMode(QProcess.ProcessChannelMode.MergedChannels)
         process.readyRead.connect(self._read)
@@ -60,6 +65,11 @@ class Child(QObject):
         """Ask it to end in an orderly way."""
         if self._process is not None:
             self._process.terminate()
+
+    def halt(self) -> None:
+        """Its emergency stop (:mod:`instrument.procedures.room`)."""
+        if self._process is not None and self._process.processId():
+            os.kill(self._process.processId(), signal.SIGQUIT)
 
     def _read(self) -> None:
         if self._process is not None:

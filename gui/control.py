@@ -65,8 +65,14 @@ class Controller(Protocol):
         """Emergency: stop the arms and block the light now."""
         ...
 
-    def answer(self, done: bool) -> None:
-        """Answer the engine's request to the operator; False gives up and ends the scan."""
+    def answer(self, done: bool, value: float | str | None = None) -> None:
+        """Answer the engine's request to the operator; False gives up and ends the scan.
+
+        Parameters
+        ----------
+        value
+            The number or the choice that a prompt asks for.
+        """
         ...
 
 
@@ -77,6 +83,7 @@ class WindowOperator:
         self._listener = listener
         self._answered = threading.Event()
         self._done = False
+        self._value: float | str | None = None
         self._gone = False
 
     def mount(self, what: Mounted) -> None:
@@ -84,19 +91,19 @@ class WindowOperator:
         self._ask(what)
 
     def reply(self, prompt: Prompt) -> float | str | None:
-        """Show a step and wait until it is done; raises KeyboardInterrupt when the person gives up.
+        """Show a step and wait until it is done; an answer that makes no sense is asked for again.
 
         Raises
         ------
-        ValueError
-            If the prompt wants more than a confirmation: the window has no field for that.
+        KeyboardInterrupt
+            When the person gives up.
         """
-        if prompt.kind != "confirm":
-            raise ValueError("the window takes confirmations only; run this from a terminal")
-        self._ask(prompt)
-        return None
+        while True:
+            value = self._ask(prompt)
+            if not prompt.objection(value):
+                return value
 
-    def _ask(self, what: Mounted | Prompt) -> None:
+    def _ask(self, what: Mounted | Prompt) -> float | str | None:
         self._answered.clear()
         if self._gone:
             raise KeyboardInterrupt
@@ -105,10 +112,11 @@ class WindowOperator:
         self._listener.on_event(OperatorAnswered())
         if not self._done:
             raise KeyboardInterrupt
+        return self._value
 
-    def answer(self, done: bool) -> None:
+    def answer(self, done: bool, value: float | str | None = None) -> None:
         """The person's answer; from any thread."""
-        self._done = done
+        self._done, self._value = done, value
         self._answered.set()
 
     def leave(self) -> None:
@@ -187,9 +195,9 @@ class SessionController:
         self._operator.leave()
         self._ask(lambda session: session.halt("asked for in the window"))
 
-    def answer(self, done: bool) -> None:
+    def answer(self, done: bool, value: float | str | None = None) -> None:
         """Answer the engine's request to the operator."""
-        self._operator.answer(done)
+        self._operator.answer(done, value)
 
     def join(self, timeout: float | None = None) -> bool:
         """Wait (wall-clock seconds) until everything is released; False where it is not yet."""

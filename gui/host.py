@@ -8,6 +8,7 @@ Nothing here needs Qt.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -22,8 +23,8 @@ from types import FrameType
 
 from gui.control import SessionController
 from gui.notices import Notice
-from gui.sessions import ABOUT, NOTES_NAME, REQUEST, SOCKET, SPOOL
-from gui.wire import COMMANDS, encode
+from gui.sessions import ABOUT, REQUEST, SOCKET, SPOOL
+from gui.wire import COMMANDS, answer_of, encode
 from instrument.events import Event, ScanStarted
 from instrument.files import write_atomically
 from instrument.request import ScanRequest
@@ -85,7 +86,7 @@ class Host:
 
     def __init__(self, folder: Path) -> None:
         content = json.loads((folder / REQUEST).read_text(encoding="utf-8"))
-        self.folder, self.notes = folder, content.get("notes", {})
+        self.folder = folder
         self.spool = Spool(folder / SPOOL)
         self.controller = SessionController(ScanRequest.model_validate(content["request"]), self)
         self._server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -97,7 +98,6 @@ class Host:
         self.spool.append(encode(event))
         if isinstance(event, ScanStarted):
             self._tell(title=event.title, run_dir=event.run_dir)
-            self._note(Path(event.run_dir))
 
     def run(self) -> None:
         """Serve until the scan is over and every window has read it."""
@@ -122,10 +122,6 @@ class Host:
     def _tell(self, **more: str) -> None:
         self._about.update(more)
         write_atomically(self.folder / ABOUT, json.dumps(self._about).encode())
-
-    def _note(self, run_dir: Path) -> None:
-        if self.notes and not (run_dir / NOTES_NAME).exists():
-            write_atomically(run_dir / NOTES_NAME, json.dumps(self.notes, indent=1, ensure_ascii=False).encode())
 
     def _accept(self) -> None:
         while True:
@@ -153,15 +149,22 @@ class Host:
             except OSError:
                 return
 
-    def obey(self, word: str) -> None:
-        """Carry out a command of a window; anything else is no command and is not obeyed."""
+    def obey(self, line: str) -> None:
+        """Carry out a command of a window; anything else is no command and is not obeyed.
+
+        ``done`` may be followed by the answer, as JSON.
+        """
         controller = self.controller
-        if word not in COMMANDS:
+        word, _, rest = line.partition(" ")
+        if word not in COMMANDS or (rest and word != "done"):
             return
         if word == "pause_now":
             controller.pause(now=True)
-        elif word in ("done", "give_up"):
-            controller.answer(word == "done")
+        elif word == "give_up":
+            controller.answer(False)
+        elif word == "done":
+            with contextlib.suppress(ValueError):  # an answer that cannot be read is none: the question stands
+                controller.answer(True, answer_of(rest))
         else:
             getattr(controller, word)()
 

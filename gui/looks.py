@@ -74,19 +74,25 @@ class Actions:
     halt: bool
 
 
-def actions(state: State, connected: bool) -> Actions:
+#: While a calibration or the alignment has the instrument.
+PROCEDURE = Look("Procedure", "It can be given up on its page, or stopped at once with HALT.", "gear", "busy")
+
+
+def actions(state: State, connected: bool, procedure: bool = False) -> Actions:
     """What may be asked in a state, by the engine's own table.
 
     Parameters
     ----------
     connected
         Whether a controller holds the instrument: only then is there anything to steer.
+    procedure
+        Whether a calibration or the alignment has it; it can be halted.
     """
     ways = TRANSITIONS[state] if connected else frozenset()
     return Actions(
-        start=not connected and (state is State.IDLE or state in FINAL),
+        start=not connected and not procedure and (state is State.IDLE or state in FINAL),
         pause=State.PAUSING in ways,
         resume=connected and state in (State.PAUSED, State.SUSPENDED),
         abort=State.ABORTING in ways,
-        halt=State.HALTED in ways,
+        halt=procedure or State.HALTED in ways,
     )

@@ -13,7 +13,16 @@ from functools import singledispatchmethod
 from statistics import fmean, stdev
 from typing import NamedTuple
 
-from gui.notices import ControllerClosed, ControllerFailed, ControllerStarting, Notice, OperatorAnswered, OperatorAsked
+from gui.notices import (
+    ControllerClosed,
+    ControllerFailed,
+    ControllerStarting,
+    Notice,
+    OperatorAnswered,
+    OperatorAsked,
+    ProcedureEnded,
+    ProcedureStarted,
+)
 from gui.scores import Category, Score, ScoreFunction
 from instrument.events import (
     Event,
@@ -139,6 +148,8 @@ class ScanModel:
         self._score = score
         self.messages: deque[Line] = deque(maxlen=MESSAGES_KEPT)
         self._changes = Changes(scan=True)
+        self.procedure = ""  # has the instrument in place of a scan; a run may be looked at meanwhile
+        self.request: Mounted | Prompt | None = None
         self._clear()
 
     def _clear(self) -> None:
@@ -162,15 +173,21 @@ class ScanModel:
         self.missing = 0
         self.references: list[ReferenceMeasured] = []
         self.health: deque[Health] = deque(maxlen=HEALTH_KEPT)
+        self.readings = 0  # of which the health was ever told
         self.current: int | None = None
         self.last: PointMeasured | None = None
-        self.request: Mounted | Prompt | None = None
+        self.request = self.request if self.procedure else None
         self.end: ScanEnded | None = None
 
     def take_changes(self) -> Changes:
         """What changed since the last call."""
         changes, self._changes = self._changes, Changes()
         return changes
+
+    @property
+    def busy(self) -> bool:
+        """Whether a scan or a procedure has the instrument."""
+        return self.connected or bool(self.procedure)
 
     @property
     def total(self) -> int:
@@ -253,6 +270,7 @@ class ScanModel:
         )
         self.last = event
         self.health.append(Health(event.time, event.dark, noise_of(event.signal), event.gain))
+        self.readings += 1
         self.time_left_s = event.time_left_s
         self._changes.current = self._changes.progress = True
         self._tick(event.time)
@@ -316,6 +334,16 @@ class ScanModel:
     def _(self, notice: OperatorAnswered) -> None:
         self.request = None
         self._changes.request = self._changes.state = True
+
+    @apply.register
+    def _(self, notice: ProcedureStarted) -> None:
+        self.procedure = notice.title
+        self._changes.state = True
+
+    @apply.register
+    def _(self, notice: ProcedureEnded) -> None:
+        self.procedure, self.request = "", None
+        self._changes.state = self._changes.request = True
 
     def _say(self, line: Line) -> None:
         self.messages.append(line)

@@ -40,4 +40,24 @@ class OperatorAnswered:
     """The person has answered; the engine goes on."""
 
 
-Notice = ControllerStarting | ControllerFailed | ControllerClosed | OperatorAsked | OperatorAnswered
+@dataclass(frozen=True)
+class ProcedureStarted:
+    """A procedure has the instrument: a calibration, the alignment."""
+
+    title: str
+
+
+@dataclass(frozen=True)
+class ProcedureEnded:
+    """The procedure is over, the instrument is free."""
+
+
+Notice = (
+    ControllerStarting
+    | ControllerFailed
+    | ControllerClosed
+    | OperatorAsked
+    | OperatorAnswered
+    | ProcedureStarted
+    | ProcedureEnded
+)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gui.sessions import NOTES_NAME
 from instrument.errors import InputError
 
 if TYPE_CHECKING:  # what reads runs takes a second to load: that is done on the thread
@@ -31,8 +29,6 @@ class PastRun:
     """
 
     overview: Overview
-    operator: str = ""
-    sample: str = ""
     figures: tuple[Path, ...] = ()
     report: Path | None = None
 
@@ -61,13 +57,6 @@ def past_runs(folder: Path) -> list[PastRun]:
 
 
 def _past(row: Overview) -> PastRun:
-    notes: dict[str, str] = {}
-    try:
-        notes = json.loads((row.folder / NOTES_NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        notes = {}
     figures = sorted(path for path in row.folder.rglob("*.png") if "export-" not in str(path))
     report = row.folder / REPORT_NAME
-    return PastRun(
-        row, notes.get("operator", ""), notes.get("sample", ""), tuple(figures), report if report.is_file() else None
-    )
+    return PastRun(row, tuple(figures), report if report.is_file() else None)

@@ -1,17 +1,17 @@
 """Points of a hemisphere from above: the azimuth around, the zenith angle from the middle outwards.
 
-Drawn once into a picture that only grows by the points that change, so that a map of many points costs no more than
-one of few.
+Drawn once into a picture that only grows by the points that change, each stamped from a picture of its sign, so that a
+map of many points costs little more than one of few.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui.theme import Theme
@@ -19,11 +19,11 @@ from gui.theme import Theme
 _RINGS = (30.0, 60.0, 90.0)
 _SPOKES = (0, 45, 90, 135, 180, 225, 270, 315)
 _MARGIN = 26
+_MANY = 100  # changes beyond which all is drawn anew
 _NEAR = 14.0  # logical pixels within which a point is pointed at
 
 
-@dataclass(frozen=True)
-class Spot:
+class Spot(NamedTuple):
     """One point: sensor zenith and azimuth (degree, zenith of either sign) and what is to be seen there.
 
     ``kind``: ``planned``, ``blocked``, ``waiting``, ``missing``, ``measured``, ``good``, ``acceptable`` or ``poor``.
@@ -76,15 +76,24 @@ class PolarMap(QWidget):
         self._image = None
         self.update()
 
-    def change(self, index: int, kind: str) -> None:
-        """Show a point differently; only this point is drawn."""
-        spot = self.spots[index]
-        if spot.kind == kind:
+    def change(self, kinds: Mapping[int, str]) -> None:
+        """Show points differently, by their index; only these are drawn."""
+        new = {index: kind for index, kind in kinds.items() if self.spots[index].kind != kind}
+        for index, kind in new.items():
+            spot = self.spots[index]
+            self.spots[index] = Spot(spot.zenith, spot.azimuth, kind)
+        if not new:
             return
-        self.spots[index] = Spot(spot.zenith, spot.azimuth, kind)
-        if self._image is not None:
+        if len(new) > _MANY:
+            self._image = None
+        elif self._image is not None:
             painter = self._painter(self._image)
-            self._draw(painter, self.spots[index], wipe=True)
+            for index in new:
+                at, size = self.place(self.spots[index]), self._size_of_spot() + 1
+                painter.setPen(Qt.PenStyle.NoPen)
+                painter.setBrush(QColor(self.theme.surface))
+                painter.drawEllipse(at, size, size)
+            self._stamp(painter, [self.spots[index] for index in new])
             painter.end()
         self.update()
 
@@ -151,10 +160,27 @@ class PolarMap(QWidget):
             painter.setPen(QPen(QColor(self.theme.quiet_text), 0.9, Qt.PenStyle.DotLine))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawPolyline(QPolygonF([self.place(spot) for spot in self.spots if spot.kind != "blocked"]))
-        for spot in self.spots:
-            self._draw(painter, spot)
+        self._stamp(painter, self.spots)
         painter.end()
         return image
+
+    def _stamp(self, painter: QPainter, spots: Sequence[Spot]) -> None:
+        """Draw spots; each kind is drawn once into a small picture, which Qt then copies to every place."""
+        ratio, half = self.devicePixelRatioF(), math.ceil(2 * self._size_of_spot() + 2)
+        middle, radius = self.place(Spot(0.0, 0.0, "")), self._radius() / 90.0
+        for kind in dict.fromkeys(spot.kind for spot in spots):
+            stamp = QPixmap(round(2 * half * ratio), round(2 * half * ratio))
+            stamp.setDevicePixelRatio(ratio)
+            stamp.fill(Qt.GlobalColor.transparent)
+            on_stamp = QPainter(stamp)
+            on_stamp.setRenderHint(QPainter.RenderHint.Antialiasing)
+            self._draw(on_stamp, kind, QPointF(half, half))
+            on_stamp.end()
+            for spot in spots:
+                if spot.kind == kind:
+                    angle_rad, away = math.radians(spot.azimuth), radius * spot.zenith
+                    x, y = middle.x() + away * math.cos(angle_rad), middle.y() - away * math.sin(angle_rad)
+                    painter.drawPixmap(QPointF(x - half, y - half), stamp)
 
     def _draw_grid(self, painter: QPainter) -> None:
         theme, middle, radius = self.theme, self.place(Spot(0.0, 0.0, "")), self._radius()
@@ -189,32 +215,29 @@ class PolarMap(QWidget):
                 arm = QPointF(9 * math.cos(angle_rad), 9 * math.sin(angle_rad))
                 painter.drawLine(here - arm, here + arm)
 
-    def _draw(self, painter: QPainter, spot: Spot, *, wipe: bool = False) -> None:
-        theme, at, size = self.theme, self.place(spot), self._size_of_spot()
-        if wipe:
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(theme.surface))
-            painter.drawEllipse(at, size + 1, size + 1)
+    def _draw(self, painter: QPainter, kind: str, at: QPointF) -> None:
+        """The sign of a kind."""
+        theme, size = self.theme, self._size_of_spot()
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        if spot.kind in ("good", "measured"):
+        if kind in ("good", "measured"):
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(theme.good if spot.kind == "good" else theme.measured))
+            painter.setBrush(QColor(theme.good if kind == "good" else theme.measured))
             painter.drawEllipse(at, size, size)
-        elif spot.kind == "acceptable":
+        elif kind == "acceptable":
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(QColor(theme.acceptable))
             corners = [QPointF(0, -1.15), QPointF(1.1, 0.85), QPointF(-1.1, 0.85)]
             painter.drawPolygon(QPolygonF([at + corner * size for corner in corners]))
-        elif spot.kind in ("poor", "blocked"):
+        elif kind in ("poor", "blocked"):
             painter.setPen(QPen(QColor(theme.poor), max(size * 0.42, 1.4)))
             for sign in (1, -1):
                 arm = QPointF(size * 0.85, sign * size * 0.85)
                 painter.drawLine(at - arm, at + arm)
-        elif spot.kind == "missing":
+        elif kind == "missing":
             painter.setPen(QPen(QColor(theme.poor), 1.4))
             painter.drawRect(QRectF(at.x() - size, at.y() - size, 2 * size, 2 * size))
         else:
-            planned = spot.kind == "planned"
+            planned = kind == "planned"
             painter.setPen(QPen(QColor(theme.measured if planned else theme.quiet_text), 1.4 if planned else 0.9))
             painter.drawEllipse(at, size * 0.75, size * 0.75)
 

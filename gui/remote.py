@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import socket
 import subprocess
 import threading
@@ -71,9 +72,10 @@ class RemoteController:
         """Stop everything now."""
         self._send("halt")
 
-    def answer(self, done: bool) -> None:
+    def answer(self, done: bool, value: float | str | None = None) -> None:
         """Answer the engine's request to the operator."""
-        self._send("done" if done else "give_up")
+        said = "" if value is None else f" {json.dumps(value)}"
+        self._send(f"done{said}" if done else "give_up")
 
     def leave(self) -> None:
         """Hear no more of the scan; it goes on."""

@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Any
 
 SOCKET, REQUEST, SPOOL, ABOUT, LOG = "socket", "request.json", "events.jsonl", "about.json", "log.txt"
-#: In the run folder: what is noted of a scan beside its journal, such as who ran it.
-NOTES_NAME = "notes.json"
 #: Names another folder for sessions, for tests.
 VARIABLE = "GONIOTWIN_SESSIONS"
 
@@ -54,7 +52,7 @@ def launch(content: dict[str, Any]) -> tuple[Path, subprocess.Popen[bytes]]:
     Parameters
     ----------
     content
-        What :func:`gui.host.main` reads: the request and what is to be noted of the scan.
+        What :func:`gui.host.main` reads: the request.
     """
     folder = Path(tempfile.mkdtemp(prefix="s", dir=sessions_folder()))
     (folder / REQUEST).write_text(json.dumps(content), encoding="utf-8")

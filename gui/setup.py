@@ -8,20 +8,24 @@ from pathlib import Path
 from typing import Any
 
 from instrument.request import ScanRequest
+from instrument.run_record import RunRecord
+
+#: Words of a run's record that a person says on the page Set up.
+RECORDED = ("operator", "sample", "project", "remarks")
 
 
 @dataclass
 class Setup:
-    """Fields as in :class:`instrument.request.ScanRequest`, and what is noted beside the run.
+    """Fields as in :class:`instrument.request.ScanRequest`, and what the window needs beside them.
 
     Attributes
     ----------
-    operator, sample
-        Names that are kept in the run folder.
+    operator, sample, project, remarks
+        For the record of the run (:class:`instrument.run_record.RunRecord`).
     resume
         An interrupted run that the next start goes on with.
-    runs
-        Folder whose runs are listed.
+    runs, calibrations
+        Folders whose runs are listed, and where results of procedures are kept.
     example_plan, example_facility
         Those of the simulated laboratory.
     unsaved
@@ -41,8 +45,11 @@ class Setup:
     plan: Path | None = None
     operator: str = ""
     sample: str = ""
+    project: str = ""
+    remarks: str = ""
     resume: Path | None = None
     runs: Path = Path("runs")
+    calibrations: Path = Path("calibrations")
     example_plan: Path | None = None
     example_facility: Path | None = None
     unsaved: bool = False
@@ -87,12 +94,9 @@ class Setup:
             corrections=self.corrections,
             out=self.out,
             twin=self.twin,
+            record=RunRecord(**{name: getattr(self, name) for name in RECORDED}),
         )
 
     def content(self) -> dict[str, Any]:
         """What the process of a scan is told (:mod:`gui.host`)."""
-        notes = {"operator": self.operator, "sample": self.sample}
-        return {
-            "request": self.request().model_dump(mode="json", exclude_unset=True),
-            "notes": {key: text for key, text in notes.items() if text},
-        }
+        return {"request": self.request().model_dump(mode="json", exclude_unset=True)}

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from gui.notices import Notice
 from instrument.events import Event, from_json, to_json
+from instrument.prompts import Prompt
 
 _NOTICES: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Notice)}
 #: What a window may ask of the process.
@@ -19,7 +20,7 @@ def encode(item: Event | Notice) -> str:
     if type(item).__name__ not in _NOTICES:
         return to_json(item)  # type: ignore[arg-type]
     fields: dict[str, Any] = vars(item)
-    fields = {key: value.isoformat() if isinstance(value, datetime) else value for key, value in fields.items()}
+    fields = {key: _plain(value) for key, value in fields.items()}
     return json.dumps({"notice": type(item).__name__, **fields})
 
 
@@ -37,5 +38,29 @@ def decode(line: str | bytes) -> Event | Notice:
     kind = _NOTICES[fields.pop("notice")]
     if "time" in fields:
         fields["time"] = datetime.fromisoformat(fields["time"])
+    if isinstance(fields.get("what"), dict):
+        fields["what"] = Prompt.model_validate(fields["what"])
     notice: Notice = kind(**fields)
     return notice
+
+
+def answer_of(text: str) -> float | str | None:
+    """The answer to a prompt, as it follows the word ``done``; None for a confirmation.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a number nor a text.
+    """
+    value = json.loads(text) if text else None
+    if isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if value is not None and not isinstance(value, float | str):
+        raise ValueError(f"found {text!r}; expected a number or a text")
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, datetime):
+        return value.isoformat()
+    return value.model_dump(mode="json") if isinstance(value, Prompt) else value

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from gui.model import Changes, ScanModel
+from gui.notices import Notice
 from gui.panels.base import Panel
 from gui.setup import Setup
 from gui.theme import Theme
 from instrument.events import Event
+
+if TYPE_CHECKING:
+    from gui.guided import Guided
 
 
 @dataclass
@@ -25,6 +29,8 @@ class Desk:
     ----------
     feed
         Takes an event to show, from any thread; returns at once.
+    guided
+        Where procedures run; at most one of them at a time.
     """
 
     model: ScanModel
@@ -32,7 +38,8 @@ class Desk:
     settings: QSettings
     theme: Theme
     panels: list[Panel] = field(default_factory=list)
-    feed: Callable[[Event], None] = field(default=lambda event: None)
+    feed: Callable[[Event | Notice], None] = field(default=lambda event: None)
+    guided: list[Guided] = field(default_factory=list)
 
     def in_area(self, area: str) -> list[Panel]:
         """Panels of an area, in order."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -38,7 +36,6 @@ class CalibrationPage(Page):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self.folder = Path("calibrations")
         self.procedures: list[Procedure] = []
         self._work = Work(self)
         self._work.finished.connect(self._show)
@@ -89,7 +86,7 @@ class CalibrationPage(Page):
 
     def enter(self) -> None:
         """Read the last results."""
-        folder = self.folder
+        folder = self.desk.setup.calibrations
         self._work.do(lambda: procedures(folder))
 
     def _show(self, found: list[Procedure]) -> None:
@@ -122,17 +119,17 @@ class CalibrationPage(Page):
             why = f" It needs {', '.join(one.needed)}: goniotwin calibrate {one.command} --help."
         elif setup.devices is None and not setup.simulate:
             why = " It needs a laboratory: goniotwin gui --devices, or --simulate."
-        elif self.model.connected:
-            why = " A scan has the instrument; wait until it is over."
+        elif self.model.busy:
+            why = " The instrument is taken; wait until the scan or the procedure is over."
         self.about.setText((one.text if one else "Choose a procedure.") + why)
-        self.begin.setEnabled(one is not None and not why and not self.guided.running)
+        self.begin.setEnabled(one is not None and not why)
 
     def run(self) -> None:
         """Carry the chosen procedure out."""
         one = self.chosen()
         if one is None or not self.begin.isEnabled():
             return
-        words_ = ["calibrate", one.command, *laboratory_arguments(self.desk), "--results", str(self.folder)]
+        words_ = ["calibrate", one.command, *laboratory_arguments(self.desk)]
         self.guided.run(one.command.replace("-", " ").capitalize(), words_)
         self._choose()
 

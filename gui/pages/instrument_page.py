@@ -126,9 +126,9 @@ class InstrumentPage(Page):
             self.say.setText(f"⚠ The question failed (status {status}). Is another program using the instrument?")
 
     def _set_enabled(self) -> None:
-        free = not self.model.connected
+        free = not self.model.busy
         self.ask.setEnabled(free and not self._child.running)
-        self.align.setEnabled(free and not self.guided.running)
+        self.align.setEnabled(free)
 
     def enter(self) -> None:
         """Show the last preflight."""

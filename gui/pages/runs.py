@@ -209,7 +209,7 @@ class RunsPage(Page):
         idle = not self.model.connected
         self.buttons["open"].setEnabled(readable and idle)
         self.buttons["compare"].setEnabled(len(chosen) == 2)
-        self.buttons["resume"].setEnabled(one is not None and one.resumable and idle)
+        self.buttons["resume"].setEnabled(one is not None and one.resumable and not self.model.busy)
         self.buttons["diagnose"].setEnabled(readable)
         self.buttons["report"].setEnabled(one is not None and one.report is not None)
         self.buttons["folder"].setEnabled(one is not None)
@@ -331,7 +331,7 @@ def _row(run: PastRun) -> tuple[str, ...]:
     points = f"{row.measured} of {row.planned}" if not row.problem else ""
     state = row.outcome or "cannot be read"
     figures = f"{len(run.figures)}" + (" + report" if run.report else "")
-    return (started, row.title, points, state, run.operator, run.sample, figures, run.folder.name)
+    return (started, row.title, points, state, row.operator, row.sample, figures, run.folder.name)
 
 
 def _texts(run: PastRun) -> str:

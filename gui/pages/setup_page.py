@@ -336,7 +336,7 @@ class SetupPage(Page):
 
     def _can_start(self) -> bool:
         saved = self.draft.path is not None and not self._dirty
-        return saved and self.checked is not None and not self.model.connected
+        return saved and self.checked is not None and not self.model.busy
 
     def _show_illuminations(self, plan: Any) -> None:
         points = [*plan.points, *(each.geometry for each in plan.blocked)]

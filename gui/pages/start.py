@@ -87,7 +87,7 @@ class StartPage(Page):
         if changes.state or changes.scan:
             self._show_ready()
             for button in self.resume_buttons:
-                button.setEnabled(not self.model.connected)
+                button.setEnabled(not self.model.busy)
             if self.isVisible() and not self.model.connected and self.model.state in FINAL:
                 self.enter()
 
@@ -106,7 +106,7 @@ class StartPage(Page):
         else:
             self.heading.setText("No plan is chosen yet")
             self.text.setText("Open one (Ctrl+O), or make one on the page Set up.")
-        self.begin.setEnabled(setup.plan is not None and not model.connected)
+        self.begin.setEnabled(setup.plan is not None and not model.busy)
 
     def _show(self, runs: list[PastRun]) -> None:
         for row in self._rows:
@@ -144,7 +144,7 @@ class StartPage(Page):
         if resume:
             missing = overview.planned - overview.measured - overview.skipped
             button = QPushButton(f"Go on with it: {missing} points are missing")
-            button.setEnabled(not self.model.connected)
+            button.setEnabled(not self.model.busy)
             button.clicked.connect(lambda: self._resume(run))
             self.resume_buttons.append(button)
         else:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from PySide6.QtCore import QPointF, QSize, Qt, QTimer
-from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui import words
@@ -49,6 +50,7 @@ class ArmsView(QWidget):
         self._share = 1.0
         self._view = list(_VIEW)
         self._drag: QPointF | None = None
+        self._ground: tuple[Any, QPixmap] | None = None
         self.light = False
         self.setMinimumSize(QSize(260, 220))
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
@@ -100,10 +102,24 @@ class ArmsView(QWidget):
         """Draw."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        self._draw_ground(painter)
+        painter.drawPixmap(0, 0, self._still())
         if self.pose is not None:
             self._draw_arms(painter, self.pose)
         painter.end()
+
+    def _still(self) -> QPixmap:
+        """What does not move, drawn once for a view."""
+        key = (self.size(), tuple(self._view), self.theme, self.devicePixelRatioF())
+        if self._ground is None or self._ground[0] != key:
+            picture = QPixmap(self.size() * key[3])
+            picture.setDevicePixelRatio(key[3])
+            picture.fill(Qt.GlobalColor.transparent)
+            painter = QPainter(picture)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            self._draw_ground(painter)
+            painter.end()
+            self._ground = (key, picture)
+        return self._ground[1]
 
     def _draw_ground(self, painter: QPainter) -> None:
         theme = self.theme

@@ -60,7 +60,7 @@ class ControlsPanel(Panel):
         """Enable what may be asked for now."""
         if not (changes.state or changes.scan):
             return
-        allowed = actions(self.model.state, self.model.connected)
+        allowed = actions(self.model.state, self.model.connected, bool(self.model.procedure))
         if allowed == self._allowed and not changes.scan:
             return
         self._allowed = allowed

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QTimer
 from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication, QWidget
 
 from gui import words
+from gui.curves import steady_axes
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.theme import Theme
+from gui.traces import Trace, roomy
 
 _EVERY_MS = 500
 _SYMBOLS = ("o", "t1", "s", "d", "star", "p", "h", "+")
 _ROWS = ("reference (%)", "dark level (mV)", "scatter (%)", "gain (log₁₀ V/A)")
+_LEAST = (0.1, 0.01, 0.01, 1.0)  # extents of the ordinates
 _HINT = "Point at a value to read it. The reference is shown relative to its first reading at the same azimuth."
 
 
@@ -40,22 +44,29 @@ class HistoryPanel(Panel):
         self.plots: list[Any] = []
         for row, name in enumerate(_ROWS):
             plot = self.graphics.addPlot(row=row, col=0)
-            for side in ("left", "bottom"):
-                plot.getAxis(side).enableAutoSIPrefix(False)
+            steady_axes(plot)
             plot.setLabel("left", name)
             plot.showGrid(x=True, y=True, alpha=0.15)
             plot.setMenuEnabled(False)
             plot.hideButtons()
+            plot.enableAutoRange(False)
+            plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
             plot.getAxis("left").setWidth(72)
             if self.plots:
                 plot.setXLink(self.plots[0])
+            if row < len(_ROWS) - 1:
+                plot.getAxis("bottom").setStyle(showValues=False)
             self.plots.append(plot)
         self.plots[-1].setLabel("bottom", "hours since the start")
         self.reference = pg.ScatterPlotItem()
         self.plots[0].addItem(self.reference)
-        self.lines = [pg.PlotDataItem(autoDownsample=True, clipToView=False) for _ in _ROWS[1:]]
+        self.lines = [pg.PlotDataItem() for _ in _ROWS[1:]]
         for plot, line in zip(self.plots[1:], self.lines, strict=True):
             plot.addItem(line)
+        self._trace = Trace(len(_ROWS))  # hours, dark, scatter, gain
+        self._taken = 0
+        self._by_hand = False
+        self._ranges: dict[int, tuple[float, float]] = {}
         self._due = QTimer(self)
         self._due.setSingleShot(True)
         self._due.setInterval(_EVERY_MS)
@@ -67,9 +78,15 @@ class HistoryPanel(Panel):
     def refresh(self, changes: Changes) -> None:
         """Draw again, not oftener than twice a second."""
         if changes.scan:
+            self._trace.clear()
+            self._taken, self._by_hand = 0, False
+            self._ranges.clear()
             self._draw()
         if (changes.scan or changes.current) and not self._due.isActive():
             self._due.start()
+
+    def _moved_by_hand(self, *_: object) -> None:
+        self._by_hand = True
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""
@@ -88,7 +105,7 @@ class HistoryPanel(Panel):
                 axis.setTextPen(theme.quiet_text)
                 axis.setStyle(tickFont=font)
         for line, colour in zip(self.lines, (theme.measured, theme.simulated, theme.quiet_text), strict=True):
-            line.setPen(pg.mkPen(colour, width=1.6 * self.devicePixelRatioF()))
+            line.setPen(pg.mkPen(colour))  # a thick line of many points takes Qt long
 
     def _hours(self, time: datetime) -> float:
         start = self.model.started or time
@@ -104,14 +121,43 @@ class HistoryPanel(Panel):
             symbols.append(_SYMBOLS[list(first).index(reading.sensor_azimuth) % len(_SYMBOLS)])
         ink = pg.mkPen(self.theme.measured, width=1.4)
         self.reference.setData(x=x, y=y, symbol=symbols, size=9, pen=ink, brush=pg.mkBrush(self.theme.surface))
-        health = list(self.model.health)
-        hours = [self._hours(each.time) for each in health]
-        self.lines[0].setData(hours, [1e3 * each.dark for each in health])
-        self.lines[1].setData(hours, [100 * each.noise for each in health])
-        self.lines[2].setData(hours, [words.decades(each.gain) for each in health])
-        known = [*x, *hours[:1], *hours[-1:]]
-        if known:
-            self.plots[0].setXRange(min(known), max(*known, min(known) + 0.01), padding=0.03)
+        self._take_health()
+        for column, line in enumerate(self.lines, start=1):
+            line.setData(*self._trace.outline(column))
+        if not self._by_hand:
+            self._set_ranges(x, y)
+
+    def _take_health(self) -> None:
+        """Append what was read since the last time."""
+        model = self.model
+        new = min(model.readings - self._taken, len(model.health))
+        self._taken = model.readings
+        latest = [model.health[i] for i in range(-new, 0)]
+        self._trace.extend(
+            (self._hours(each.time), 1e3 * each.dark, 100 * each.noise, words.decades(each.gain)) for each in latest
+        )
+
+    def _set_ranges(self, x: list[float], y: list[float]) -> None:
+        """Ranges that do not move with every point: axes are what such a plot costs most."""
+        rows = self._trace.rows
+        for row, least in enumerate(_LEAST):
+            values = rows[:, row] if row else np.array(y)
+            if len(values):
+                low, high = float(values.min()), float(values.max())
+                self._show_range(row, roomy(low, high, self._ranges.get(row), least))
+        times = [*x, *rows[:1, 0].tolist(), *rows[-1:, 0].tolist()]
+        if times:
+            self._show_range(-1, roomy(min(times), max(times), self._ranges.get(-1), 0.02, ahead=0.2))
+
+    def _show_range(self, row: int, shown: tuple[float, float]) -> None:
+        """Show a range of a plot's ordinate; of the abscissa of all for -1."""
+        if self._ranges.get(row) == shown:
+            return
+        self._ranges[row] = shown
+        if row < 0:
+            self.plots[0].setXRange(*shown, padding=0)
+        else:
+            self.plots[row].setYRange(*shown, padding=0)
 
     def _point_at(self, position: Any) -> None:
         for row, plot in enumerate(self.plots):
@@ -124,11 +170,11 @@ class HistoryPanel(Panel):
                     f"{words.clock_time(near.time)} UTC   sensor azimuth {words.angle(near.sensor_azimuth)}"
                     f"   {words.current(near.current)} ± {100 * near.relative_standard_error:.2g} %"
                 )
-            elif row and self.model.health:
-                here = min(self.model.health, key=lambda each: abs(self._hours(each.time) - x))
+            elif row and (here := self._trace.nearest(x)) is not None:
+                start = self.model.started
+                when = f"{words.clock_time(start + timedelta(hours=here[0]))} UTC   " if start else ""
                 self.readout.setText(
-                    f"{words.clock_time(here.time)} UTC   dark {here.dark * 1e3:.3g} mV"
-                    f"   scatter {100 * here.noise:.2g} %   gain {words.gain(here.gain)}"
+                    f"{when}dark {here[1]:.3g} mV   scatter {here[2]:.2g} %   gain {words.gain(10 ** here[3])}"
                 )
             return
 

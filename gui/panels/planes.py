@@ -152,6 +152,11 @@ class PlanesPanel(Panel):
         self.table.reload()
         header = self.view.horizontalHeader()
         header.resizeSections(QHeaderView.ResizeMode.ResizeToContents)
+        most = max((len(indices) for indices in self.model.planes.values()), default=0)
+        room = self.view.fontMetrics().horizontalAdvance(f"{most}/{most}") + 22  # bold where the arms are
+        points = header.count() - len(CATEGORIES) - 2
+        if points >= 0:
+            header.resizeSection(points, max(room, header.sectionSize(points)))
         for column in range(header.count() - len(CATEGORIES), header.count()):
             header.resizeSection(column, header.minimumSectionSize())
         self._showing = False

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QApplication, QCheckBox, QComboBox, QHBoxLayout, Q
 
 from gui import marks, words
 from gui.comparison import T_BANDS
-from gui.curves import Band
+from gui.curves import Band, steady_axes
 from gui.model import Changes, PlaneKey, Point, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.panels.legend import legend
@@ -125,8 +125,7 @@ class PlotsPanel(Panel):
             plot.setMenuEnabled(False)
             plot.hideButtons()
             plot.getAxis("left").setWidth(72)
-            for side in ("left", "bottom"):
-                plot.getAxis(side).enableAutoSIPrefix(False)
+            steady_axes(plot)
             plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
         self.t_plot.addItem(self.missing, ignoreBounds=True)
         self._by_hand = False

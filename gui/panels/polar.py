@@ -70,11 +70,10 @@ class PolarPanel(Panel):
             if index != self.choice.currentIndex():
                 self.choice.setCurrentIndex(index)
                 return
-        for index in changes.points:
-            place = self._places.get(index)
-            if place is not None:
-                for name, each in self.maps.items():
-                    each.change(place, _kind(self.model.points[index], name))
+        shown = [(place, index) for index in changes.points if (place := self._places.get(index)) is not None]
+        if shown:
+            for name, each in self.maps.items():
+                each.change({place: _kind(self.model.points[index], name) for place, index in shown})
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""
@@ -119,18 +118,11 @@ class PolarPanel(Panel):
         members = self._groups[keys[index]] if 0 <= index < len(keys) else []
         self._places = {point: place for place, point in enumerate(members)}
         light = (keys[index][1], keys[index][2]) if members else None
+        points = [self.model.points[i] for i in members]
+        places = [(point.geometry.sensor_zenith, point.geometry.sensor_azimuth) for point in points]
         for name, each in self.maps.items():
-            each.show_spots(
-                [
-                    Spot(
-                        self.model.points[i].geometry.sensor_zenith,
-                        self.model.points[i].geometry.sensor_azimuth,
-                        _kind(self.model.points[i], name),
-                    )
-                    for i in members
-                ],
-                light,
-            )
+            spots = [Spot(*place, _kind(point, name)) for place, point in zip(places, points, strict=True)]
+            each.show_spots(spots, light)
 
     def _pointed(self, place: int) -> None:
         index = next((i for i, p in self._places.items() if p == place), None)

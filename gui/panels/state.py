@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from gui import marks, words
-from gui.looks import LOOKS, Look
+from gui.looks import LOOKS, PROCEDURE, Look
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel
 from gui.theme import Theme
@@ -42,7 +42,7 @@ class StatePanel(Panel):
 
     def look(self) -> Look:
         """What is shown now."""
-        return LOOKS[self.model.state]
+        return PROCEDURE if self.model.procedure else LOOKS[self.model.state]
 
     def refresh(self, changes: Changes) -> None:
         """Show the state."""
@@ -52,13 +52,15 @@ class StatePanel(Panel):
         text = look.text
         if model.connected and model.state in FINAL:
             text = "The devices are being released and the results written."
-        if model.state_reason:
+        if model.procedure:
+            text = f"{words.sentence(model.procedure)} {text}"
+        elif model.state_reason:
             text = f"{words.sentence(model.state_reason)} {text}"
         colour = self.theme.tone(look.tone)
         self.sign.setPixmap(marks.pixmap(look.sign, colour, 48))
         self.name.setText(look.title)
         self.text.setText(text)
-        self.setAccessibleName(f"State of the scan: {look.title}")
+        self.setAccessibleName(f"State of the {'instrument' if model.procedure else 'scan'}: {look.title}")
         style = (
             f"QFrame#card {{ background: {self.theme.tone_surface[look.tone]}; border-left: 8px solid {colour};"
             " border-top-left-radius: 0; border-bottom-left-radius: 0; }"

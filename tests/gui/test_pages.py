@@ -211,7 +211,7 @@ def test_a_missing_file_is_marked_in_the_form(make_stage: Callable[..., Stage], 
     assert line.property("wrong")
     assert "no such file" in setup.form.problem.text()
     setup.form.lines["operator"].textEdited.emit("Grace")
-    assert setup.desk.setup.content()["notes"] == {"operator": "Grace"}
+    assert setup.desk.setup.content()["request"]["record"]["operator"] == "Grace"
 
 
 def test_a_new_plan_can_be_measured_as_it_is(tmp_path: Path) -> None:

@@ -15,10 +15,20 @@ from scan_script import geometries, preparation, readings
 
 from gui import sessions
 from gui.host import Host, Spool
-from gui.notices import ControllerClosed, ControllerFailed, ControllerStarting, OperatorAnswered, OperatorAsked
+from gui.notices import (
+    ControllerClosed,
+    ControllerFailed,
+    ControllerStarting,
+    OperatorAnswered,
+    OperatorAsked,
+    ProcedureEnded,
+    ProcedureStarted,
+)
 from gui.remote import RemoteController
 from gui.setup import Setup
 from gui.wire import COMMANDS, decode, encode
+from instrument.prompts import Prompt
+from instrument.request import ScanRequest
 
 POINTS = geometries({0.0: (0.0,)}, step=20)
 
@@ -32,6 +42,10 @@ POINTS = geometries({0.0: (0.0,)}, step=20)
         ControllerClosed(),
         ControllerFailed(datetime(2026, 3, 2, 9, 0, tzinfo=UTC), "the {plan} is “wrong”", 'say "no"'),
         OperatorAsked("sample"),
+        OperatorAsked(Prompt(key="align:level", title="“Level” it", kind="number", unit="mm", lower=-0.5, upper=50.0)),
+        OperatorAsked(Prompt(key="align:centre", title="On the cross?", kind="choice", choices=("yes", "no"))),
+        ProcedureStarted("Dark level"),
+        ProcedureEnded(),
         OperatorAnswered(),
     ],
     ids=lambda item: type(item).__name__,
@@ -114,8 +128,8 @@ class Scan:
     def abort(self) -> None:
         self.asked.append("abort")
 
-    def answer(self, done: bool) -> None:
-        self.asked.append(f"answer {done}")
+    def answer(self, done: bool, value: float | str | None = None) -> None:
+        self.asked.append(f"answer {done} {value!r}")
 
 
 class Listener:
@@ -176,22 +190,35 @@ def test_windows_come_and_go_and_steer_the_same_scan(running: tuple[Host, Scan],
     for word in ("pause_now", "resume", "abort", "halt"):
         getattr(two, word)()
     two.answer(True)
+    two.answer(True, -0.25)
+    two.answer(True, "no")
+    two.answer(False)
     second.wait_for("ReferenceMeasured")
     assert second.names().count("ScanStarted") == 1
     deadline = time.monotonic() + 30.0
-    while len(scan.asked) < 6 and time.monotonic() < deadline:
+    while len(scan.asked) < 9 and time.monotonic() < deadline:
         time.sleep(0.01)
-    assert scan.asked == ["pause", "pause now", "resume", "abort", "halt", "answer True"]
+    assert scan.asked == [
+        *("pause", "pause now", "resume", "abort", "halt"),
+        *("answer True None", "answer True -0.25", "answer True 'no'", "answer False None"),
+    ]
     host.on_event(ControllerClosed())
     scan.over.set()
     second.wait_for("ControllerClosed")
     assert two.join(10.0)
-    assert json.loads((tmp_path / "run" / sessions.NOTES_NAME).read_text()) == {"operator": "Ada", "sample": "coupon 7"}
+
+
+def test_who_measures_what_stands_in_the_record_of_the_request() -> None:
+    content = json.loads(
+        json.dumps(Setup(simulate=True, operator="Ada", sample="no 7", project="round robin").content())
+    )
+    request = ScanRequest.model_validate(content["request"])
+    assert request.record.said() == {"operator": "Ada", "sample": "no 7", "project": "round robin"}
 
 
 def test_words_that_are_no_commands_are_not_obeyed(running: tuple[Host, Scan]) -> None:
     host, scan = running
-    for word in ("", "start", "__class__", "run", "halt; pause"):
+    for word in ("", "start", "__class__", "run", "halt; pause", "halt now", "done [1]", "done {", "done true"):
         host.obey(word)
     assert scan.asked == []
     assert "halt" in COMMANDS

@@ -35,8 +35,8 @@ class RecordingController:
     def halt(self) -> None:
         self.asked.append("halt")
 
-    def answer(self, done: bool) -> None:
-        self.asked.append(f"answer {done}")
+    def answer(self, done: bool, value: float | str | None = None) -> None:
+        self.asked.append(f"answer {done}" if value is None else f"answer {value!r}")
 
 
 class Stage:
