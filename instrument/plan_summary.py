@@ -17,12 +17,13 @@ from instrument.durations import AXES
 from instrument.errors import InputError, SafetyError
 from instrument.events import Geometry
 from instrument.facility import STAGES, UNKNOWN_FACILITY, Facility, read_facility
-from instrument.forecast import USUAL_SAMPLE, Pace, Step, forecast
+from instrument.forecast import USUAL_SAMPLE, Forecast, Pace, Step, forecast
 from instrument.outlook import laboratory_on_paper
 from instrument.plan import Plan, describe, read_plan, reference_geometries
-from instrument.safety import Envelope, Pose, check_plan
+from instrument.safety import CheckedPlan, Envelope, Pose, check_plan
 from instrument.settings import ScanSettings
 from instrument.stages import check_stages
+from instrument.turning import position_at_start
 
 #: Where arms stand once they are homed.
 HOME = Pose(0.0, 0.0, 0.0)
@@ -61,7 +62,32 @@ def summarise(
     """
     facility = read_facility(facility_file) if facility_file is not None else UNKNOWN_FACILITY
     plan = read_plan(plan_file, facility)
-    pace = _pace(devices_file, facility, speeds, settings, plan.samples)
+    pace = pace_on_paper(devices_file, facility, speeds, settings, plan.samples)
+    ways, ahead = go_through(plan, facility, pace)
+    return plan, {
+        "title": plan.title,
+        "record": plan.record.said(),
+        "points": [geometry.model_dump() for geometry in plan.points],
+        "blocked": [{"geometry": b.geometry.model_dump(), "reason": b.reason} for b in plan.blocked],
+        "samples": plan.samples,
+        "scan_direction": plan.direction,
+        "reference_readings": ahead.references,
+        "detours": ways.detours,
+        "steps": [_step(step) for step in ahead.steps],
+        "preparation_s": ahead.preparation,
+        "moving_time_s": ahead.moving,
+        "duration_s": ahead.duration,
+    }
+
+
+def go_through(plan: Plan, facility: Facility, pace: Pace) -> tuple[CheckedPlan, Forecast]:
+    """Check every point of a plan and every way between points, and go through the scan in thought.
+
+    Raises
+    ------
+    InputError
+        If the arms cannot reach a point.
+    """
     references = list(enumerate(reference_geometries(plan, facility)))
     points = list(enumerate(plan.points))
     named = [("reference", geometry) for _, geometry in references]
@@ -79,26 +105,17 @@ def summarise(
             start=HOME,
             to_home=len(pace.speeds),
             repeat_minutes=facility.reference.repeat_minutes,
+            turned=position_at_start(plan.points),
         )
     except (InputError, SafetyError) as error:
         raise InputError(f"{plan.source}: {error}") from None
-    return plan, {
-        "title": plan.title,
-        "record": plan.record.said(),
-        "points": [geometry.model_dump() for geometry in plan.points],
-        "blocked": [{"geometry": b.geometry.model_dump(), "reason": b.reason} for b in plan.blocked],
-        "samples": plan.samples,
-        "scan_direction": plan.direction,
-        "reference_readings": ahead.references,
-        "detours": ways.detours,
-        "steps": [_step(step) for step in ahead.steps],
-        "preparation_s": ahead.preparation,
-        "moving_time_s": ahead.moving,
-        "duration_s": ahead.duration,
-    }
+    return ways, ahead
 
 
-def _pace(devices: Path | None, facility: Facility, speeds: Speeds, settings: ScanSettings, samples: int) -> Pace:
+def pace_on_paper(
+    devices: Path | None, facility: Facility, speeds: Speeds, settings: ScanSettings, samples: int
+) -> Pace:
+    """What things take, by ``devices.toml``, or with usual devices whose axes have these speeds."""
     if devices is not None:
         return Pace.of(laboratory_on_paper(read_devices(devices)), settings, samples)
     travel = {axis: getattr(facility.arms, axis) for axis in (*AXES, *STAGES)}

@@ -33,6 +33,14 @@ def diagnose_command(
         Path | None,
         typer.Option(help="Write the named effects here (.toml), for --corrections.", show_default=False),
     ] = None,
+    plans: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for plan-1.toml and so on: the scans that would say most an hour, other planes and"
+            " illumination angles among them.",
+            show_default=False,
+        ),
+    ] = None,
     cache: Annotated[
         Path | None, typer.Option(help="Folder for renderings; by default the user's.", show_default=False)
     ] = None,
@@ -64,15 +72,18 @@ def diagnose_command(
             check_writable(file)
     inputs = _inputs(runs[0], {"facility": facility, "artifact": artifact, "material": material})
     if inputs is None or columns is not None:
-        _check_alone({"--prediction": prediction, "--report": report, "--save-twin": save_twin}, inputs, columns)
+        outputs = {"--prediction": prediction, "--report": report, "--save-twin": save_twin, "--plans": plans}
+        _check_alone(outputs, inputs, columns)
         _symmetries_alone(runs, columns, symmetry, wavelength, json)
         return
-    diagnosis = _diagnose(runs, inputs, cache, same_mounting)
+    diagnosis = _diagnose(runs, inputs, cache, same_mounting, other_scans=plans is not None)
     found = _parity(runs, symmetry, wavelength)
     _tell(diagnosis, found)
     _write(diagnosis, found, json, prediction)
     if save_twin is not None:
         _save_twin(diagnosis, save_twin)
+    if plans is not None:
+        _write_plans(diagnosis, plans)
     if report is not None:
         from twin.diagnosis.report import write_report
 
@@ -88,6 +99,16 @@ def _save_twin(diagnosis: Diagnosis, file: Path) -> None:
     write_corrections(found, file)
     named = ", ".join(one.effect for one in found.effects) or "no effect, as none is named"
     typer.echo(f"written: {file} ({named})")
+
+
+def _write_plans(diagnosis: Diagnosis, folder: Path) -> None:
+    from twin.diagnosis.followup import write_plans
+
+    written = write_plans(diagnosis.proposals, folder)
+    for path in written:
+        typer.echo(f"written: {path}")
+    if not written:
+        typer.echo(f"no plan in {folder}: no scan would say more about the cause")
 
 
 def _check_alone(outputs: dict[str, Path | None], inputs: Inputs | None, columns: Path | None) -> None:
@@ -145,12 +166,17 @@ def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs | None:
     return Inputs(**{name: path for name, path in named.items() if path is not None})
 
 
-def _diagnose(runs: list[Path], inputs: Inputs, cache: Path | None, same_mounting: bool) -> Diagnosis:
+def _diagnose(
+    runs: list[Path], inputs: Inputs, cache: Path | None, same_mounting: bool, *, other_scans: bool
+) -> Diagnosis:
+    from dataclasses import replace
+
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from twin.content import cache_folder
     from twin.diagnosis.diagnose import diagnose
+    from twin.diagnosis.followup import further
     from twin.diagnosis.joint import prepare_jointly
     from twin.diagnosis.observation import read_observation
     from twin.diagnosis.preparation import Bench
@@ -168,7 +194,11 @@ def _diagnose(runs: list[Path], inputs: Inputs, cache: Path | None, same_mountin
             prepared = bench.prepare(observations[0], told)
         else:
             prepared = prepare_jointly(bench, observations, same_mounting=same_mounting, told=told)
-        return diagnose(prepared, lambda what, share: bar.update(task, description=what, completed=0.6 + 0.4 * share))
+        found = diagnose(prepared, lambda what, share: bar.update(task, description=what, completed=0.6 + 0.4 * share))
+        if other_scans:
+            bar.update(task, description="what other scans would say")
+            found = replace(found, proposals=tuple(further(found, bench)))
+        return found
 
 
 def _tell(diagnosis: Diagnosis, symmetries: tuple[Parity, ...]) -> None:

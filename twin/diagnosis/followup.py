@@ -1,63 +1,43 @@
-"""Which slice, read once more and in another way, would tell effects apart that a run cannot.
+"""Which scan to take next: feasible ones by what they are expected to say about the causes, an hour.
 
-Only slices of the run itself are considered: what every effect does there is known, so nothing is rendered.
+Without asking for more only slices of the run are weighed, read again in several ways: what every effect does there is
+known, so nothing is rendered. :func:`further` adds planes and illumination angles that the run lacks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import linalg
 
-from instrument.angles import FloatArray
-from twin.diagnosis.acquisition import Acquisition, acquisition_of
-from twin.diagnosis.covariance import INDEPENDENT, structures
-from twin.diagnosis.fit import Fit
-from twin.diagnosis.observation import Observation
-from twin.diagnosis.responses import AnyResponse
+from instrument.errors import InputError
+from instrument.files import write_atomically
+from twin.diagnosis.next_information import Explanation, Outlook, Worth, dimmed, explanations
+from twin.diagnosis.next_plan import duration_of, plan_text
+from twin.diagnosis.next_scans import Scan, other_geometries, scans
+from twin.diagnosis.next_stage import Stage, wider
 from twin.diagnosis.verdict import TOLD_APART
 
 if TYPE_CHECKING:
     from instrument.facility import Facility
     from twin.diagnosis.diagnose import Diagnosis
-    from twin.diagnosis.problem import Problem
+    from twin.diagnosis.preparation import Bench
 
-#: Slices of fewer points are not proposed.
-_FEWEST = 5
-#: Share of the light of a dimmed scan.
-_DIMMED = 0.25
-#: Seconds a point takes where a run has no times: the dwell that ``goniotwin plan`` assumes, and the way.
-_SECONDS = 22.0
-#: Effects whose parameters are those of one run: in another they are others.
-_OF_A_RUN = ("session_scale", "source_drift", "source_jump")
-#: Effects of which it is not known what they become with less light: the gain ranges may change.
-_NOT_DIMMED = ("gain_step",)
+__all__ = ["Proposal", "dimmed", "further", "proposals", "unresolved", "write_plans"]
+
+#: Less than this is not worth a scan, nats; and runs as sure as that need none.
+_LEAST = 0.05
+#: Slices of one scan at most, and how many are tried beside it.
+_SLICES, _TRIED = 3, 6
 #: Probability of a second effect from which the first is to be told, where nothing is named.
 _RIVAL = 0.05
-IntArray = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Scan:
-    """A slice of a run that is read again.
-
-    Attributes
-    ----------
-    description
-        In words.
-    rows
-        Numbers of its points in the run, in the order in which they are read.
-    light
-        Share of the run's light.
-    """
-
-    description: str
-    rows: IntArray
-    light: float = 1.0
+_SECONDS_AN_HOUR = 3600.0
+_DIMMED_REMARK = (
+    "Source at a quarter of its power, or a filter of density 0.6 in the beam, for the reference and for all points."
+)
 
 
 @dataclass(frozen=True)
@@ -67,44 +47,132 @@ class Proposal:
     Attributes
     ----------
     separates
-        Pairs of effects that it is expected to tell apart.
+        Pairs of explanations that it is expected to tell apart.
     gain_nats
-        Least expected gain of evidence for the true one of each of these pairs, whichever of the two it is.
+        Least expected gain of evidence for the true one of each of these pairs, whichever of the two it is; of the
+        most probable pair where it tells none apart for sure.
+    information_nats
+        Expected fall of the entropy over the explanations.
+    right
+        Expected probability of the right explanation afterwards.
     duration_s
-        Estimated.
+        By the forecast of the instrument, reference included.
+    plan
+        Text of a plan file.
     """
 
     scan: Scan
     separates: tuple[tuple[str, str], ...]
     gain_nats: float
+    information_nats: float
+    right: float
     duration_s: float
+    plan: str
+
+    @property
+    def rate(self) -> float:
+        """Nats an hour."""
+        return self.information_nats / self.duration_s * _SECONDS_AN_HOUR
 
 
 def proposals(diagnosis: Diagnosis, facility: Facility, most: int = 3) -> list[Proposal]:
-    """Scans of one slice that tell apart what the run cannot; the largest gain an hour first."""
-    problem, found = diagnosis.prepared.problem, diagnosis.prepared.responses.found
-    fits = {h.names[0]: h.fit for h in diagnosis.posterior.hypotheses if len(h.names) == 1 and not h.unknown and h.fit}
-    wanted = [pair for pair in unresolved(diagnosis) if all(name in fits for name in pair)]
-    if not wanted:
+    """Scans of the run's own slices that say most an hour, of each kind the best."""
+    return ranked(outlook_of(diagnosis, Stage.of(diagnosis.prepared, facility)), facility, most)
+
+
+def further(diagnosis: Diagnosis, bench: Bench, most: int = 6) -> list[Proposal]:
+    """The same with geometries that the run lacks; what effects do there is rendered once for a configuration."""
+    if _entropy(explanations(diagnosis.posterior, diagnosis.prepared.problem)) < _LEAST:
         return []
-    structure = fits[wanted[0][0]].best
-    result = []
-    for scan in candidates(problem.run):
-        pairs, gains, weigh = [], [], None
-        for one, other in wanted:
-            if scan.light < 1 and {one, other} & set(_NOT_DIMMED):
-                continue
-            weigh = weigh or _Weighing.of(problem, scan, structure, facility)
-            gain = min(
-                weigh.gain((found[true], fits[true]), (found[false], fits[false]))
-                for true, false in ((one, other), (other, one))
-            )
-            if gain >= TOLD_APART:
-                pairs.append((one, other))
-                gains.append(gain)
-        if pairs:
-            result.append(Proposal(scan, tuple(pairs), min(gains), duration(problem.run, scan)))
-    return sorted(result, key=lambda p: (-len(p.separates), -p.gain_nats / p.duration_s))[:most]
+    run = diagnosis.prepared.problem.run
+    stage = wider(bench, run, other_geometries(run, bench.facility.arms))
+    return ranked(outlook_of(diagnosis, stage), bench.facility, most)
+
+
+def outlook_of(diagnosis: Diagnosis, stage: Stage) -> Outlook:
+    """The leading explanations of a diagnosed run before the geometries of a stage."""
+    problem = diagnosis.prepared.problem
+    return Outlook(problem, stage, known_of(explanations(diagnosis.posterior, problem), stage))
+
+
+def known_of(leading: Sequence[Explanation], stage: Stage) -> list[Explanation]:
+    """Explanations whose effects the stage knows, their probabilities adding up to 1."""
+    kept = [one for one in leading if set(one.names) <= set(stage.responses)]
+    total = sum(one.probability for one in kept)
+    return [replace(one, probability=one.probability / total) for one in kept]
+
+
+def _entropy(leading: Sequence[Explanation]) -> float:
+    return float(-sum(one.probability * np.log(one.probability) for one in leading))
+
+
+def ranked(outlook: Outlook, facility: Facility, most: int) -> list[Proposal]:
+    """The best scan of each kind, the most informative an hour first; the best one grown while that pays."""
+    if outlook.entropy < _LEAST:
+        return []
+    single = sorted(_weighed(outlook, facility, scans(outlook.stage)), key=lambda p: -p.rate)
+    single = [proposal for proposal in single if proposal.information_nats >= _LEAST]
+    if not single:
+        return []
+    grown = _grown(outlook, facility, single[0], single[1 : 1 + _TRIED])
+    best: dict[str, Proposal] = {}
+    for proposal in [grown, *single]:
+        best.setdefault(proposal.scan.kind, proposal)
+    return sorted(best.values(), key=lambda p: -p.rate)[:most]
+
+
+def _grown(outlook: Outlook, facility: Facility, first: Proposal, others: Sequence[Proposal]) -> Proposal:
+    """The scan with further slices, as long as each adds to what is said an hour."""
+    best, left = first, [o for o in others if o.scan.light == first.scan.light]
+    for _ in range(_SLICES - 1):
+        joined = [best.scan.joined(other.scan) for other in left]
+        found = max(_weighed(outlook, facility, joined), key=lambda p: p.rate, default=best)
+        if found.rate <= best.rate:
+            break
+        best = found
+    return best
+
+
+def _weighed(outlook: Outlook, facility: Facility, some: Iterable[Scan]) -> list[Proposal]:
+    found = []
+    for scan in some:
+        columns = {name: column[scan.rows] for name, column in outlook.stage.observation.columns.items()}
+        text = plan_text(f"next: {scan.description}", columns, _DIMMED_REMARK if scan.light < 1 else "")
+        try:
+            duration = duration_of(text, facility)
+        except InputError:
+            # Beyond an arm, or where the arms are kept out: not a feasible scan.
+            continue
+        worth = outlook.worth(scan)
+        if worth is not None:
+            found.append(_proposal(scan, worth, outlook.leading, duration, text))
+    return found
+
+
+def _proposal(scan: Scan, worth: Worth, leading: Sequence[Explanation], duration: float, text: str) -> Proposal:
+    least = np.minimum(worth.gains, worth.gains.T)
+    pairs = [(i, j) for i in range(len(leading)) for j in range(i + 1, len(leading)) if least[i, j] >= TOLD_APART]
+    gain = min((least[i, j] for i, j in pairs), default=least[0, 1] if len(leading) > 1 else 0.0)
+    names = tuple((leading[i].label, leading[j].label) for i, j in pairs)
+    return Proposal(scan, names, max(0.0, float(gain)), worth.information, worth.right, duration, text)
+
+
+def write_plans(found: Sequence[Proposal], folder: Path) -> list[Path]:
+    """Write the plans as ``plan-1.toml`` and so on, the best first; the folder is made."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for number, proposal in enumerate(found, start=1):
+        path = folder / f"plan-{number}.toml"
+        write_atomically(path, (_heading(proposal) + proposal.plan).encode())
+        paths.append(path)
+    return paths
+
+
+def _heading(proposal: Proposal) -> str:
+    return (
+        f"# Expected information {proposal.information_nats:.2f} nats in {proposal.duration_s / 60:.0f} min"
+        f" ({proposal.rate:.2f} nats an hour).\n"
+    )
 
 
 def unresolved(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -115,138 +183,3 @@ def unresolved(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     if decision.verdict == "undecided" and len(decision.ranking) > 1 and decision.ranking[1].probability > _RIVAL:
         pairs.append((decision.ranking[0].effect, decision.ranking[1].effect))
     return pairs
-
-
-def candidates(run: Observation) -> Iterator[Scan]:
-    """Some slices again: as they were, in the opposite direction, with less light."""
-    order = np.arange(len(run)) if run.seconds is None else np.argsort(run.seconds, kind="stable")
-    for plane in _planes(run):
-        rows = order[run.plane[order] == plane]
-        zenith = run.columns["sensor_zenith"][rows]
-        if len(rows) < _FEWEST:
-            continue
-        light, azimuth = (run.columns[name][rows[0]] for name in ("illumination_zenith", "sensor_azimuth"))
-        where = f"the slice at illumination zenith {light:g}, sensor azimuth {azimuth:g} degrees again"
-        yield Scan(f"{where}, in the opposite direction ({zenith[-1]:g} to {zenith[0]:g})", rows[::-1])
-        yield Scan(f"{where}, with a quarter of the light", rows, _DIMMED)
-        yield Scan(f"{where}, as it was", rows)
-
-
-def _planes(run: Observation) -> list[int]:
-    """Of each illumination the plane of incidence and the one most across it, or those nearest to them."""
-    _, first = np.unique(run.plane, return_index=True)
-    across = np.abs(np.sin(np.deg2rad(run.columns["sensor_azimuth"] - run.columns["illumination_azimuth"])[first]))
-    light = run.illumination[first]
-    chosen = []
-    for one in np.unique(light):
-        planes = np.flatnonzero(light == one)
-        chosen += [planes[np.argmin(across[planes])], planes[np.argmax(across[planes])]]
-    return list(dict.fromkeys(int(p) for p in chosen))
-
-
-def duration(run: Observation, scan: Scan) -> float:
-    """Seconds that a scan takes, from the usual time between points of the run."""
-    each = _SECONDS
-    if run.seconds is not None and len(run) > 1:
-        each = float(np.median(np.diff(np.sort(run.seconds))))
-    return len(scan.rows) * max(each, 1.0)
-
-
-def read_again(run: Observation, scan: Scan) -> Observation:
-    """What the scan would give if nothing were wrong; a detector's noise stays where the light is less."""
-    chosen = run.take(scan.rows)
-    components = dict(chosen.components)
-    if INDEPENDENT in components:
-        components[INDEPENDENT] = components[INDEPENDENT] / scan.light
-    return replace(
-        chosen,
-        components=components,
-        seconds=None if run.seconds is None else np.arange(len(chosen)) * duration(run, scan) / len(chosen),
-        signal_v=None if chosen.signal_v is None else chosen.signal_v * scan.light,
-        reference_v=None if chosen.reference_v is None else chosen.reference_v * scan.light,
-    )
-
-
-@dataclass(frozen=True)
-class _Weighing:
-    """The errors of a run and of a scan after it.
-
-    Attributes
-    ----------
-    alone, both
-        Factors of the covariance of the run, and of run and scan; what the budget allows is the same in both.
-    """
-
-    problem: Problem
-    scan: Scan
-    acquisition: Acquisition
-    alone: FloatArray
-    both: FloatArray
-
-    @classmethod
-    def of(cls, problem: Problem, scan: Scan, structure: int, facility: Facility) -> _Weighing:
-        first = problem.members[structure].covariance
-        observation = read_again(problem.run, scan)
-        name = problem.structures[structure].name
-        own = next((s.covariance for s in structures(observation) if s.name == name), None)
-        if own is None:
-            own = np.diag(observation.relative_u**2)
-        systematic = problem.budget @ problem.budget.T + np.diag(problem.u_nominal**2)
-        cross = systematic[:, scan.rows]
-        both = np.block([[first, cross], [cross.T, own + systematic[np.ix_(scan.rows, scan.rows)]]])
-        return cls(problem, scan, acquisition_of(observation, facility), _factor(first), _factor(both))
-
-    def gain(self, true: tuple[AnyResponse, Fit], false: tuple[AnyResponse, Fit]) -> float:
-        """Expected gain of evidence for the true effect from the scan, the false one refitted to both."""
-        (one, fit_one), (other, fit_other) = true, false
-        run_one, scan_one = self._tables(one, fit_one.values[None])
-        run_other, scan_other = self._tables(other, fit_other.values[None])
-        slopes = self._slopes(other, fit_other.values)
-        difference = np.concatenate([run_one - run_other, scan_one - scan_other], axis=1)[0]
-        count = len(self.problem.run)
-        with_scan = _misfit(self.both, difference, slopes)
-        return 0.5 * max(0.0, with_scan - _misfit(self.alone, difference[:count], slopes[:, :count]))
-
-    def _tables(self, response: AnyResponse, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Logarithmic ratios in the run and in the scan, shape (value, point)."""
-        here = response.log_ratio(values)
-        if response.name in _OF_A_RUN:
-            return here, np.zeros((len(values), len(self.scan.rows)))
-        again = response.again(self.acquisition, self.scan.rows)
-        return here, again.log_ratio(dimmed(response.name, values, self.scan.light))
-
-    def _slopes(self, response: AnyResponse, values: FloatArray) -> FloatArray:
-        """Derivatives in run and scan, side by side, shape (parameter, point)."""
-        rows = []
-        for number, parameter in enumerate(response.parameters):
-            step = 0.02 * abs(parameter.typical)
-            ends = np.repeat(values[None], 2, axis=0)
-            ends[0, number] = min(values[number] + step, parameter.cap[1])
-            ends[1, number] = max(values[number] - step, parameter.cap[0])
-            here, there = self._tables(response, ends)
-            width = max(ends[0, number] - ends[1, number], 1e-300)
-            rows.append(np.concatenate([here[0] - here[1], there[0] - there[1]]) / width)
-        return np.array(rows)
-
-
-def dimmed(name: str, values: FloatArray, light: float) -> FloatArray:
-    """Parameters that an effect has with less light, shape (value, parameter).
-
-    A response 1 + fraction (s^power - 1)/power relative to a reference that is dimmed too has, to first order, the
-    fraction light^power of it. A voltage is seen by the smaller current of the reference.
-    """
-    if name != "detector_nonlinearity":
-        return values
-    return np.stack([values[:, 0] * light ** values[:, 1], values[:, 1]], axis=1)
-
-
-def _factor(covariance: FloatArray) -> FloatArray:
-    return np.asarray(linalg.cholesky(covariance, lower=True, check_finite=False))
-
-
-def _misfit(factor: FloatArray, difference: FloatArray, slopes: Sequence[FloatArray] | FloatArray) -> float:
-    """Whitened square of what is left of a difference when the parameters behind the slopes are free."""
-    white = linalg.solve_triangular(factor, np.column_stack([difference, *slopes]), lower=True, check_finite=False)
-    solution = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
-    rest = white[:, 0] - white[:, 1:] @ solution
-    return float(rest @ rest)

@@ -110,13 +110,17 @@ def parameters(diagnosis: Diagnosis, named: Named) -> dict[str, dict[str, float]
 
 
 def next_scans(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Slices that, read again, are expected to tell apart what the run cannot."""
+    """Scans that are expected to tell apart what the run cannot, the most informative an hour first."""
     return [
         {
             "description": p.scan.description,
             "separates": [list(pair) for pair in p.separates],
             "gain_nats": p.gain_nats,
             "duration_s": p.duration_s,
+            "information_nats": p.information_nats,
+            "information_per_hour": p.rate,
+            "probability_after": p.right,
+            "plan": p.plan,
         }
         for p in diagnosis.proposals
     ]
@@ -136,12 +140,12 @@ def advice(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def next_in_words(diagnosis: Diagnosis) -> list[str]:
     """What to measure next, one sentence each."""
     lines = [
-        f"Next scan: {p.scan.description}, about {p.duration_s / 60:.0f} min; expected to tell"
-        f" {_pairs(p.separates)} ({p.gain_nats:.1f} nats)."
-        for p in diagnosis.proposals[:1]
+        f"Next scan: {p.scan.description}; {p.duration_s / 60:.0f} min, expected information"
+        f" {p.information_nats:.2f} nats ({p.rate:.1f} an hour), the right cause then at {p.right:.2f}."
+        for p in diagnosis.proposals
     ]
     told = {pair for p in diagnosis.proposals for pair in p.separates}
-    left = [pair for pair in unresolved(diagnosis) if pair not in told]
+    left = [pair for pair in unresolved(diagnosis) if pair not in told and pair[::-1] not in told]
     for text in advice(diagnosis):
         pairs = [tuple(pair) for pair in text["separates"] if tuple(pair) in left]
         if pairs:

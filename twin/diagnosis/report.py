@@ -274,16 +274,23 @@ def _symmetries(symmetries: Sequence[Parity]) -> list[str]:
 
 def _next(diagnosis: Diagnosis) -> list[str]:
     rows = [
-        [p.scan.description, _pairs(p.separates), f"{p.gain_nats:.1f}", f"{p.duration_s / 60:.0f}"]
+        [
+            p.scan.description,
+            _pairs(p.separates),
+            f"{p.information_nats:.2f}",
+            f"{p.duration_s / 60:.0f}",
+            f"{p.rate:.1f}",
+            f"{p.right:.2f}",
+        ]
         for p in diagnosis.proposals
     ]
     others = [f"{one['description']}: tells {_pairs(one['separates'])}" for one in advice(diagnosis)]
     parts = [heading("Next scan")]
     if rows:
-        text = "Slices of this run, read again, that are expected to tell apart what it cannot:"
+        text = "Feasible scans, by what they are expected to say about the cause, an hour:"
         parts += [
             paragraph(text),
-            table(["scan", "tells", "expected gain / nats", "duration / min"], rows, [2, 3]),
+            table(["scan", "tells", "information / nats", "min", "nats / h", "right cause then"], rows, [2, 3, 4, 5]),
         ]
     if others:
         parts += [paragraph("What else would, as the library knows it; not computed for this run:"), bullets(others)]

@@ -1,0 +1,405 @@
+"""How much a scan is expected to say about which explanation of a run is the right one.
+
+The mutual information between explanation and new readings, given the run, by Monte Carlo. Readings are drawn with the
+effects' full responses; explanations are weighed with a normal predictive distribution each. Weights other than the
+exact ones can only lose information, so the result is a lower bound (Barber and Agakov, The IM algorithm, NIPS 2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from instrument.angles import FloatArray
+from twin.diagnosis.amplitude import Parameter, log_sum
+from twin.diagnosis.covariance import smooth_gap, structures
+from twin.diagnosis.next_scans import Scan
+from twin.diagnosis.next_stage import Stage, read_again, taken_again
+from twin.diagnosis.observation import Observation
+from twin.diagnosis.posterior import Hypothesis, Posterior
+from twin.diagnosis.problem import Problem
+from twin.diagnosis.responses import AnyResponse
+from twin.diagnosis.unknown import UNKNOWN_SIZES
+
+#: Explanations that are told apart: so much of the probability, so many at most, none of less than this.
+_COVERED, _MOST, _LEAST = 0.99, 10, 0.005
+#: Structures of the errors for each explanation.
+_STRUCTURES = 2
+#: Draws of the new readings for each explanation.
+DRAWS = 48
+#: Effects whose parameters are those of one run: in another they are others, of the same size.
+OF_A_RUN = ("session_scale", "source_drift", "source_jump")
+#: Effects of which it is not known what they become with less light: the gain ranges may change.
+NOT_DIMMED = ("gain_step",)
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One explanation of the run.
+
+    Attributes
+    ----------
+    names
+        Effects; empty for none, and for a smooth gap of unknown cause.
+    probability
+        Of it among the explanations that are told apart.
+    values, covariance
+        Of the parameters of all its effects.
+    sizes
+        Number of parameters of each effect.
+    members
+        Structure of the errors and gap of unknown cause (number, size), with their probabilities.
+    """
+
+    names: tuple[str, ...]
+    smooth: bool
+    probability: float
+    values: FloatArray
+    covariance: FloatArray
+    sizes: tuple[int, ...]
+    members: tuple[tuple[int, tuple[int, float] | None, float], ...]
+
+    @property
+    def label(self) -> str:
+        """For people and files."""
+        return UNKNOWN if self.smooth else " and ".join(self.names) or "none"
+
+
+def explanations(posterior: Posterior, problem: Problem) -> list[Explanation]:
+    """The leading explanations of a run, the most probable first, their probabilities adding up to 1."""
+    catalogued = {component.name: component.catalogued for component in problem.components}
+    chosen: list[tuple[Hypothesis, float]] = []
+    for hypothesis, probability in zip(posterior.hypotheses, posterior.probability, strict=True):
+        beside = hypothesis.unknown and any(catalogued[name] for name in hypothesis.names)
+        if len(chosen) == _MOST or sum(p for _, p in chosen) > _COVERED or (chosen and probability < _LEAST):
+            break
+        if not beside:
+            chosen.append((hypothesis, float(probability)))
+    total = sum(p for _, p in chosen)
+    return [_explanation(hypothesis, p / total, problem) for hypothesis, p in chosen]
+
+
+def _explanation(hypothesis: Hypothesis, probability: float, problem: Problem) -> Explanation:
+    fit = hypothesis.fit
+    if fit is None:
+        nothing = np.zeros(0)
+        members = _gap_members(problem)
+        return Explanation((), True, probability, nothing, np.zeros((0, 0)), (), members)
+    weighted = fit.by_structure + np.array([member.log_weight for member in problem.members])
+    best = np.argsort(-weighted)[:_STRUCTURES]
+    share = np.exp(weighted[best] - log_sum(weighted[best]))
+    members = tuple((int(k), None, float(s)) for k, s in zip(best, share, strict=True) if s > 0)
+    return Explanation(hypothesis.names, False, probability, fit.values, fit.covariance, fit.sizes, members)
+
+
+def _gap_members(problem: Problem) -> tuple[tuple[int, tuple[int, float] | None, float], ...]:
+    """Structures and gaps of unknown cause that explain the run best."""
+    base = sorted(range(len(problem.members)), key=lambda k: -problem.members[k].log_weight)[:_STRUCTURES]
+    keys, values = [], []
+    for k in base:
+        for number, (_, shape) in enumerate(problem.gaps):
+            for size in UNKNOWN_SIZES:
+                spread = size * problem.run.relative_u
+                factor = _factor(problem.members[k].covariance + shape * np.outer(spread, spread))
+                white = linalg.solve_triangular(factor, problem.residual, lower=True, check_finite=False)
+                keys.append((k, (number, size)))
+                values.append(problem.members[k].log_weight - 0.5 * white @ white - np.sum(np.log(np.diag(factor))))
+    best = np.argsort(-np.array(values))[:_STRUCTURES]
+    share = np.exp(np.array(values)[best] - log_sum(np.array(values)[best]))
+    return tuple((*keys[n], float(s)) for n, s in zip(best, share, strict=True))
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a scan is expected to say.
+
+    Attributes
+    ----------
+    information
+        Expected fall of the entropy over the explanations, nats.
+    right
+        Expected probability of the right explanation afterwards.
+    gains, shape (explanation, explanation)
+        Expected gain of evidence for the first, if it is right, over the second, nats.
+    """
+
+    information: float
+    right: float
+    gains: FloatArray
+
+
+class Outlook:
+    """A run, its explanations, and scans that may follow.
+
+    Parameters
+    ----------
+    problem
+        The run, whose points are the first of ``stage``.
+    stage
+        Geometries that may be read.
+    seed
+        Of the draws, the same for every scan: differences between scans are not of luck.
+    """
+
+    def __init__(self, problem: Problem, stage: Stage, leading: Sequence[Explanation], seed: int = 5) -> None:
+        self.problem, self.stage, self.leading, self._seed = problem, stage, list(leading), seed
+        self._here: dict[tuple[int, tuple[int, float] | None], FloatArray] = {}
+
+    @property
+    def entropy(self) -> float:
+        """Of the explanations, nats."""
+        p = np.array([one.probability for one in self.leading])
+        return float(-np.sum(p * np.log(p)))
+
+    @cached_property
+    def _shared(self) -> FloatArray:
+        return self.stage.shared()
+
+    @cached_property
+    def _own(self) -> FloatArray:
+        return self.stage.own()
+
+    def factor(self, member: tuple[int, tuple[int, float] | None]) -> FloatArray:
+        """Lower triangular factor of the run's covariance under a structure and a gap of unknown cause."""
+        if member not in self._here:
+            structure, gap = member
+            count = self.stage.of_run
+            budget = np.concatenate([self._shared[:count], self._own[:count]], axis=1)
+            covariance = self.problem.structures[structure].covariance + budget @ budget.T
+            covariance = covariance + np.diag(self.problem.u_nominal**2)
+            if gap is not None:
+                spread = gap[1] * self.problem.run.relative_u
+                covariance = covariance + self.problem.gaps[gap[0]][1] * np.outer(spread, spread)
+            self._here[member] = _factor(covariance)
+        return self._here[member]
+
+    def worth(self, scan: Scan, draws: int = DRAWS) -> Worth | None:
+        """What a scan is expected to say; None where it is not known what an effect becomes in it."""
+        if scan.light < 1 and any(set(one.names) & set(NOT_DIMMED) for one in self.leading):
+            return None
+        seen = _Seen(self, scan)
+        views = [seen.view(one) for one in self.leading]
+        generator = np.random.default_rng(self._seed)
+        p = np.array([one.probability for one in self.leading])
+        gains = np.zeros((len(p), len(p)))
+        information = right = 0.0
+        for number, view in enumerate(views):
+            readings = view.draw(generator, draws)
+            log_density = np.stack([other.log_density(readings) for other in views], axis=1)
+            log_joint = log_density + np.log(p)
+            after = log_joint[:, number] - np.asarray(log_sum(log_joint, axis=1))
+            information += p[number] * float(np.mean(after) - np.log(p[number]))
+            right += p[number] * float(np.mean(np.exp(after)))
+            gains[number] = np.mean(log_density[:, [number]] - log_density, axis=0)
+        return Worth(float(np.clip(information, 0.0, self.entropy)), right, gains)
+
+
+@dataclass
+class _Predictive:
+    """Readings of a scan under one structure: normal about a mean."""
+
+    share: float
+    mean: FloatArray
+    factor: FloatArray
+    own_factor: FloatArray
+    carry: FloatArray
+
+
+@dataclass
+class _View:
+    """An explanation's predictions of a scan."""
+
+    seen: _Seen
+    explanation: Explanation
+    predictive: list[_Predictive]
+
+    def log_density(self, readings: FloatArray) -> FloatArray:
+        """Of logarithmic readings, shape (draw, point); shape (draw,)."""
+        found = []
+        for one in self.predictive:
+            white = linalg.solve_triangular(one.factor, (readings - one.mean).T, lower=True, check_finite=False)
+            log_det = np.sum(np.log(np.diag(one.factor)))
+            found.append(np.log(one.share) - 0.5 * np.sum(white**2, axis=0) - log_det)
+        return np.asarray(log_sum(np.stack(found), axis=0))
+
+    def draw(self, generator: np.random.Generator, count: int) -> FloatArray:
+        """Logarithmic readings with the full response, shape (draw, point)."""
+        here, there = self.seen.drawn(self.explanation, generator, count)
+        shares = np.array([one.share for one in self.predictive])
+        which = generator.choice(len(shares), size=count, p=shares / shares.sum())
+        noise = generator.standard_normal((count, there.shape[1]))
+        residual = self.seen.outlook.problem.residual
+        readings = np.empty_like(there)
+        for number, one in enumerate(self.predictive):
+            mine = which == number
+            mean = there[mine] + (residual - here[mine]) @ one.carry.T
+            readings[mine] = mean + noise[mine] @ one.own_factor.T
+        return readings
+
+
+class _Seen:
+    """A scan, ready to be looked at by explanations."""
+
+    def __init__(self, outlook: Outlook, scan: Scan) -> None:
+        self.outlook, self.scan, stage = outlook, scan, outlook.stage
+        self.observation = read_again(stage, scan.rows, scan.light)
+        self._acquisition = taken_again(stage, scan.rows, scan.light)
+        self._structures = {s.name: s.covariance for s in structures(self.observation)}
+        self._responses: dict[str, AnyResponse] = {}
+        rows = scan.rows
+        shared, own = outlook._shared, outlook._own
+        self._cross = shared[rows] @ shared[: stage.of_run].T
+        self._systematic = shared[rows] @ shared[rows].T + own[rows] @ own[rows].T + np.diag(stage.u_nominal[rows] ** 2)
+        self._conditional: dict[tuple[int, tuple[int, float] | None], tuple[FloatArray, FloatArray]] = {}
+
+    def view(self, explanation: Explanation) -> _View:
+        """An explanation's predictive distribution of the scan's logarithmic readings over the nominal ones."""
+        here, there, slopes_here, slopes_there, anew = self._linearised(explanation)
+        predictive = []
+        for structure, gap, share in explanation.members:
+            carry, covariance = self._given_run(structure, gap)
+            mean = there + carry @ (self.outlook.problem.residual - here)
+            left = slopes_there - carry @ slopes_here
+            spread = left @ explanation.covariance @ left.T + anew @ anew.T if len(explanation.values) else 0.0
+            predictive.append(
+                _Predictive(share, mean, _factor(covariance + spread), _factor(covariance), carry),
+            )
+        return _View(self, explanation, predictive)
+
+    def _given_run(self, structure: int, gap: tuple[int, float] | None) -> tuple[FloatArray, FloatArray]:
+        """Regression of the scan's errors on the run's, shape (scan, run), and the covariance that it leaves."""
+        key = (structure, gap)
+        if key not in self._conditional:
+            name = self.outlook.problem.structures[structure].name
+            own = self._structures.get(name, np.diag(self.observation.relative_u**2))
+            cross, alone = self._cross, own + self._systematic
+            if gap is not None:
+                of_gap, of_cross = self._gap(*gap)
+                cross, alone = cross + of_cross, alone + of_gap
+            factor = self.outlook.factor(key)
+            white = linalg.solve_triangular(factor, cross.T, lower=True, check_finite=False)
+            carry = linalg.solve_triangular(factor, white, lower=True, trans="T", check_finite=False).T
+            self._conditional[key] = np.asarray(carry), alone - white.T @ white
+        return self._conditional[key]
+
+    def _gap(self, number: int, size: float) -> tuple[FloatArray, FloatArray]:
+        """Covariance of a gap of unknown cause in the scan, and between scan and run."""
+        run, count = self.outlook.problem.run, len(self.scan.rows)
+        together = _behind(self.observation, run)
+        name, shape = smooth_gap(together)[number]
+        spread = size * np.concatenate([self.observation.relative_u, run.relative_u])
+        covariance = shape * np.outer(spread, spread)
+        cross = covariance[:count, count:]
+        # What comes with time is not the same in another scan.
+        return covariance[:count, :count], np.zeros_like(cross) if "time" in name else cross
+
+    def response(self, name: str) -> AnyResponse:
+        """Of an effect in the scan."""
+        if name not in self._responses:
+            self._responses[name] = self.outlook.stage.responses[name].again(self._acquisition, self.scan.rows)
+        return self._responses[name]
+
+    def _parts(self, explanation: Explanation) -> list[tuple[str, slice]]:
+        ends = np.cumsum(explanation.sizes)
+        return [
+            (name, slice(int(end) - size, int(end)))
+            for name, size, end in zip(explanation.names, explanation.sizes, ends, strict=True)
+        ]
+
+    def tables(self, explanation: Explanation, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Logarithmic ratios in the run and in the scan at values of shape (n, parameter); shape (n, point) each."""
+        here = np.zeros((len(values), self.outlook.stage.of_run))
+        there = np.zeros((len(values), len(self.scan.rows)))
+        for name, part in self._parts(explanation):
+            here = here + self.outlook.problem.component(name).signature.log_ratio(values[:, part])
+            if name not in OF_A_RUN:
+                there = there + self.response(name).log_ratio(dimmed(name, values[:, part], self.scan.light))
+        return here, there
+
+    def _linearised(
+        self, explanation: Explanation
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Ratios at the fit in run and scan, their slopes (point, parameter), and what is drawn anew in the scan."""
+        values = explanation.values
+        low, high, steps = self._limits(explanation)
+        up, down = np.minimum(values + steps, high), np.maximum(values - steps, low)
+        rows = np.repeat(values[None], 2 * len(values) + 1, axis=0)
+        for axis in range(len(values)):
+            rows[1 + 2 * axis, axis], rows[2 + 2 * axis, axis] = up[axis], down[axis]
+        here, there = self.tables(explanation, rows)
+        width = np.maximum(up - down, 1e-300)
+        slopes = [(table[1::2] - table[2::2]).T / width for table in (here, there)]
+        return here[0], there[0], slopes[0], slopes[1], self._anew(explanation)
+
+    def _limits(self, explanation: Explanation) -> tuple[FloatArray, FloatArray, FloatArray]:
+        parameters = [
+            p for name in explanation.names for p in self.outlook.problem.component(name).signature.parameters
+        ]
+        low, high = (np.array([p.cap[end] for p in parameters]) for end in (0, 1))
+        return low, high, np.array([0.02 * abs(p.typical) for p in parameters])
+
+    def _anew(self, explanation: Explanation) -> FloatArray:
+        """Columns of what effects that belong to one run may do in another: as large as in this, either way."""
+        columns = [np.zeros((len(self.scan.rows), 0))]
+        for name, part in self._parts(explanation):
+            if name not in OF_A_RUN:
+                continue
+            found, there = self.outlook.problem.component(name).signature, self.response(name)
+            size = _size(found.parameters, explanation.values[part])
+            sized = [number for number, p in enumerate(there.parameters) if not p.shape]
+            shapes = [(n, p.name) for n, p in enumerate(there.parameters) if p.shape]
+            fitted = {p.name: v for p, v in zip(found.parameters, explanation.values[part], strict=True)}
+            alone = np.tile([p.nominal for p in there.parameters], (len(sized), 1))
+            for number, shape in shapes:
+                alone[:, number] = fitted[shape]
+            for row, number in enumerate(sized):
+                alone[row, number] += size * there.parameters[number].typical
+            columns.append(there.log_ratio(alone).T)
+        return np.concatenate(columns, axis=1)
+
+    def drawn(
+        self, explanation: Explanation, generator: np.random.Generator, count: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Logarithmic ratios in run and scan at parameters drawn from what the run leaves of them."""
+        if not len(explanation.values):
+            return self.tables(explanation, np.zeros((count, 0)))
+        low, high, _ = self._limits(explanation)
+        spread, vectors = np.linalg.eigh(explanation.covariance)
+        factor = vectors * np.sqrt(np.maximum(spread, 0.0))
+        values = explanation.values + generator.standard_normal((count, len(spread))) @ factor.T
+        here, there = self.tables(explanation, np.clip(values, low, high))
+        anew = self._anew(explanation)
+        return here, there + generator.standard_normal((count, anew.shape[1])) @ anew.T
+
+
+def _size(parameters: Sequence[Parameter], values: FloatArray) -> float:
+    """Root mean square of parameters in typical amplitudes, shapes left out."""
+    sized = [(v - p.nominal) / p.typical for p, v in zip(parameters, values, strict=True) if not p.shape]
+    return float(np.sqrt(np.mean(np.square(sized))))
+
+
+def _behind(scan: Observation, run: Observation) -> Observation:
+    """Points of a scan, and behind them those of a run, as far as gaps of unknown cause look at them."""
+    columns = {name: np.concatenate([column, run.columns[name]]) for name, column in scan.columns.items()}
+    both = [np.concatenate([one, other]) for one, other in ((scan.brf, run.brf), (scan.u_brf, run.u_brf))]
+    return Observation("", np.arange(len(both[0])), columns, both[0], both[1], {})
+
+
+def dimmed(name: str, values: FloatArray, light: float) -> FloatArray:
+    """Parameters that an effect has with less light, shape (value, parameter).
+
+    A response 1 + fraction (s^power - 1)/power relative to a reference that is dimmed too has, to first order, the
+    fraction light^power of it. A voltage is seen by the smaller current of the reference.
+    """
+    if name != "detector_nonlinearity":
+        return values
+    return np.stack([values[:, 0] * light ** values[:, 1], values[:, 1]], axis=1)
+
+
+def _factor(covariance: FloatArray) -> FloatArray:
+    return np.asarray(linalg.cholesky(covariance, lower=True, check_finite=False))

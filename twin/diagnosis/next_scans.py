@@ -1,0 +1,149 @@
+"""Feasible scans after a run: slices as they were, reversed, back and forth, dimmed; other planes; other light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.angles import FloatArray
+from twin.diagnosis.next_stage import Stage, geometries, unshadowed
+from twin.diagnosis.observation import Observation
+
+if TYPE_CHECKING:
+    from instrument.facility import Arms
+
+IntArray = NDArray[np.int64]
+#: Slices of fewer points are not proposed; longer ones of other planes are thinned to about so many points.
+FEWEST, _MOST = 5, 17
+#: Share of the light of a dimmed scan.
+DIMMED = 0.25
+#: Illumination zeniths that are offered where the run lacks them, degree, and how near the run's may be.
+_LIGHTS, _NEW_LIGHT = (0.0, 15.0, 30.0, 45.0, 60.0), 7.5
+#: Other planes of an illumination zenith at most, and other illumination zeniths.
+_NEW_PLANES, _NEW_LIGHTS = 2, 2
+#: Kinds whose geometries the run may lack.
+PLANE, LIGHT = "another plane", "another illumination"
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Points in the order in which they are read.
+
+    Attributes
+    ----------
+    kind
+        Of scan, to offer different ones.
+    description
+        In words, to stand behind "measure".
+    rows
+        Numbers of the points on the :class:`~twin.diagnosis.next_stage.Stage`.
+    light
+        Share of the run's light.
+    """
+
+    kind: str
+    description: str
+    rows: IntArray
+    light: float = 1.0
+
+    def joined(self, other: Scan) -> Scan:
+        """One scan after the other."""
+        text = f"{self.description}; then {other.description}"
+        return replace(self, description=text, rows=np.concatenate([self.rows, other.rows]))
+
+
+def scans(stage: Stage) -> list[Scan]:
+    """Every scan of one slice, or of one back and forth."""
+    run = stage.observation
+    found: list[Scan] = []
+    for rows in _slices(run, np.arange(stage.of_run)):
+        found += _again(run, rows)
+    known = np.unique(np.round(run.columns["illumination_zenith"][: stage.of_run], 6))
+    for rows in _slices(run, np.arange(stage.of_run, len(run))):
+        light = run.columns["illumination_zenith"][rows[0]]
+        kind = PLANE if np.any(np.abs(known - light) < 1e-6) else LIGHT
+        where = _where(run, rows)
+        found.append(Scan(kind, f"a slice at {where} ({_span(run, rows)})", rows))
+    return found
+
+
+def _slices(run: Observation, rows: IntArray) -> Iterator[IntArray]:
+    """Points of each plane, in time order, of planes with enough of them."""
+    if not len(rows):
+        return
+    part = run.take(rows)
+    order = np.arange(len(part)) if part.seconds is None else np.argsort(part.seconds, kind="stable")
+    plane = part.plane
+    for number in range(int(plane.max()) + 1):
+        chosen = order[plane[order] == number]
+        if len(chosen) >= FEWEST:
+            yield rows[chosen]
+
+
+def _again(run: Observation, rows: IntArray) -> Iterator[Scan]:
+    where = f"the slice at {_where(run, rows)} again"
+    back = rows[::-1]
+    yield Scan("as it was", f"{where}, as it was", rows)
+    yield Scan("reversed", f"{where}, in the opposite direction ({_span(run, back)})", back)
+    yield Scan("serpentine", f"{where}, back and forth", np.concatenate([rows, back]))
+    yield Scan("dimmed", f"{where}, with a quarter of the light", rows, DIMMED)
+
+
+def _where(run: Observation, rows: IntArray) -> str:
+    light, azimuth = (run.columns[name][rows[0]] for name in ("illumination_zenith", "sensor_azimuth"))
+    return f"illumination zenith {light:g}, sensor azimuth {azimuth:g} degrees"
+
+
+def _span(run: Observation, rows: IntArray) -> str:
+    zenith = run.columns["sensor_zenith"][rows]
+    return f"{zenith[0]:g} to {zenith[-1]:g}"
+
+
+def other_geometries(run: Observation, arms: Arms) -> dict[str, FloatArray]:
+    """Planes that the run lacks: between its azimuths at each illumination zenith, and at other illumination zeniths.
+
+    Returns
+    -------
+    dict
+        Columns as :func:`~twin.optics.geometry_columns`, of shape (point,); empty ones where nothing is left.
+    """
+    columns = run.columns
+    values, counts = np.unique(columns["wavelength"], return_counts=True)
+    wavelength = float(values[np.argmax(counts)])
+    zeniths = thinned(columns["sensor_zenith"], columns)
+    lights = np.unique(np.round(columns["illumination_zenith"], 6))
+    parts = []
+    for light in lights:
+        there = np.abs(columns["illumination_zenith"] - light) < 1e-6
+        azimuths = between(columns["sensor_azimuth"][there], arms.sensor_azimuth)
+        parts.append(geometries(wavelength, [float(light)], azimuths, zeniths))
+    low, high = arms.illumination_zenith
+    new = [one for one in _LIGHTS if low <= one <= high and np.min(np.abs(lights - one)) > _NEW_LIGHT]
+    # The largest first: what depends on the light's angle grows with it.
+    for light in sorted(new, reverse=True)[:_NEW_LIGHTS]:
+        parts.append(geometries(wavelength, [light], [0.0, 90.0], zeniths))
+    every = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return unshadowed(every, arms.shadow_half_angle)
+
+
+def thinned(zenith: FloatArray, columns: dict[str, FloatArray]) -> FloatArray:
+    """The run's sensor zeniths, from the first end to the last, at most about 17 of them, evenly."""
+    distinct = np.unique(np.round(zenith, 6))
+    step = int(np.ceil(len(distinct) / _MOST))
+    chosen = distinct[(len(distinct) - 1) % step // 2 :: step]
+    descends = len(zenith) > 1 and zenith[1] < zenith[0]
+    return np.asarray(chosen[::-1] if descends else chosen)
+
+
+def between(azimuths: FloatArray, travel: tuple[float, float]) -> list[float]:
+    """Middles of the widest gaps between sensor azimuths, degree; planes half a turn apart are the same one."""
+    known = np.unique(np.round(np.mod(azimuths, 180.0), 6))
+    gaps = np.diff(np.append(known, known[0] + 180.0))
+    widest = np.argsort(-gaps, kind="stable")[:_NEW_PLANES]
+    middle = np.mod(known[widest] + gaps[widest] / 2, 180.0)
+    low, high = travel
+    return sorted(float(round(a, 1)) for a in middle if low <= a <= high)
