@@ -285,16 +285,14 @@ def read_journal(path: Path) -> JournalContent:
         raise InputError(f"{path}: no such file; expected the journal of a run") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    lines = data.split(b"\n")
-    complete, tail = lines[:-1], lines[-1]
+    *complete, tail = data.split(b"\n")
     if not complete:
         raise InputError(f"{path}: no complete line; expected the journal of a run, whose first line is its header")
-    header = _read_header(path, complete[0])
-    chains = [_verified_chain(path, 1, complete[0], _NO_CHAIN)]
-    contents = _Contents()
+    header, chain = read_line(path, 1, complete[0])
+    chains, contents = [chain], _Contents()
     for number, line in enumerate(complete[1:], start=2):
-        chains.append(_verified_chain(path, number, line, chains[-1]))
-        record = _read_record(path, number, line)
+        record, chain = read_line(path, number, line, chain)
+        chains.append(chain)
         refusal = _refusal(record, contents.points)
         if refusal:
             raise InputError(f"{path}: line {number}: {refusal}")
@@ -310,6 +308,13 @@ def read_journal(path: Path) -> JournalContent:
         tail or None,
         len(data) - len(tail),
     )
+
+
+def read_line(path: Path, number: int, line: bytes, previous: str = _NO_CHAIN) -> tuple[dict[str, Any], str]:
+    """The record of a line, counted from 1, and its ``chain``; ``previous`` is that of the line before."""
+    header = _read_header(path, line) if number == 1 else None
+    chain = _verified_chain(path, number, line, previous)
+    return header or _read_record(path, number, line), chain
 
 
 def _read_header(path: Path, line: bytes) -> dict[str, Any]:

@@ -97,3 +97,38 @@ def import_file(
     typer.echo(f"written: {out}, {found.run.sizes['point']} points")
     for sentence in (*found.notes, *capabilities(found.run)):
         typer.echo(f"- {sentence}")
+
+
+def documents(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="OUT", help="The file to write (.jsonl); standard output without it.", show_default=False
+        ),
+    ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Go on while the run is measured, and end when it ends.")
+    ] = False,
+    force: Force = False,
+) -> None:
+    """Write a run as documents of Bluesky's event model: start, descriptor, event, stop; one JSON line each."""
+    from contextlib import ExitStack
+    from itertools import chain
+
+    from instrument.exchange import following
+    from instrument.exchange.documents import to_line
+    from instrument.output import check_new
+
+    if out is not None:
+        check_new(out, force)
+    source = following.followed(run) if follow else following.documents(run)
+    # A folder without a run is refused before anything is written.
+    first = next(source)
+    name = first[0]
+    with ExitStack() as stack:
+        handle = None if out is None else stack.enter_context(out.open("w", encoding="utf-8"))
+        for name, document in chain([first], source):
+            print(to_line((name, document)), file=handle, flush=True)
+    if name != "stop":
+        typer.echo("the run has not ended: no stop document (--follow waits for it)", err=True)
