@@ -6,18 +6,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from twin.figures import BLACK, BLUE, CATEGORY_STYLE, ORANGE
+from twin.figures import BLACK, BLUE, CATEGORY_STYLE, ORANGE, VERMILION
 from twin.metrics import Category
 from twin.report.document import Columns
 
 #: The three metrics: column prefix and title.
 METRICS = (("relative_difference", r"$|\Delta R^\star|$"), ("t", "$|t'|$"), ("level_of_agreement", "$n'$"))
+_LINES = ((BLACK, "--"), (BLACK, ":"), (VERMILION, "--"), (VERMILION, ":"))
 _HATCHES = {Category.GOOD: "", Category.ACCEPTABLE: "///", Category.POOR: "xxx"}
 
 
 def bars_height(rows: int) -> float:
     """Height in inch of :func:`draw_shares` and :func:`draw_means`."""
-    return 0.235 * rows + 0.95
+    return 0.235 * rows + 1.1
 
 
 def draw_shares(figure: FigureBase, data: Columns) -> None:
@@ -87,26 +88,30 @@ def draw_means(figure: FigureBase, data: Columns, lines: dict[str, tuple[float, 
                 label=label,
             )
         for place, value in zip(places, values, strict=True):
-            axis.text(value + 0.012 * values.max(), place, f"{value:.2f}", va="center", fontsize=6.5)
+            box = {"facecolor": "white", "edgecolor": "none", "pad": 0.4, "alpha": 0.85}
+            axis.text(
+                value + 0.012 * values.max(), place, f"{value:.2f}", va="center", fontsize=6.5, bbox=box, zorder=4
+            )
         axis.set_title(title, fontsize=8.5, pad=3)
-        styles = iter(("--", ":", "-.", (0, (1, 1)), (0, (5, 1)), (0, (3, 1, 1, 1))))
-        for label, both in lines.items():
-            style = next(styles)
+        for (label, both), (colour, style) in zip(lines.items(), _LINES, strict=False):
             if np.isfinite(both[panel]):
-                axis.axvline(both[panel], color=BLACK, lw=0.9, ls=style, label=label)
+                axis.axvline(both[panel], color=colour, lw=1.1, ls=style, label=label)
         axis.set_xlim(
             0, 1.14 * max(values.max(), *(both[panel] for both in lines.values() if np.isfinite(both[panel])))
         )
     found: dict[str, object] = {}
     for axis in axes:
         found |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    handles: list = list(found.values())
-    figure.legend(handles, list(found), loc="upper center", ncols=3, fontsize=7, frameon=False, borderpad=0.1)
+    labels = [*sorted(name for name in found if name not in lines), *(name for name in lines if name in found)]
+    chosen: list = [found[name] for name in labels]
+    figure.legend(
+        chosen, labels, loc="upper center", ncols=3, fontsize=7, frameon=False, borderpad=0.1, handlelength=3.2
+    )
 
 
 def _side_by_side(figure: FigureBase, rows: int, panels: int, names: list[str]) -> list[Axes]:
     height = bars_height(rows)
-    margins = {"left": 0.2, "right": 0.985, "bottom": 0.36 / height, "top": 1 - 0.5 / height, "wspace": 0.09}
+    margins = {"left": 0.2, "right": 0.985, "bottom": 0.36 / height, "top": 1 - 0.62 / height, "wspace": 0.09}
     axes = list(np.ravel(figure.subplots(1, panels, sharey=True, gridspec_kw=margins)))
     axes[0].set_yticks(np.arange(rows)[::-1], names, fontsize=7)
     axes[0].set_ylim(-0.6, rows - 0.4)

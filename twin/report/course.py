@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from typing import Any
@@ -32,6 +33,7 @@ _FLAGS = dict(zip(("saturated", "overload", "shadowed", "repeated"), FLAG_MASKS,
 #: States that a scan comes to rest or to an end in before its last point.
 _STOPS = (State.PAUSED, State.SUSPENDED, State.ABORTED, State.HALTED, State.FAULTED)
 _SERIES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (VERMILION, "v"))
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 #: Rows of tables of records; a report is no journal.
 _MOST = 60
 _READINGS = {"reference_signal", "reference_dark", "reference_gain", "reference_time", "reference_sensor_azimuth"}
@@ -181,8 +183,7 @@ def flag_blocks(run: xr.Dataset) -> list[Block]:
 def journal_blocks(content: JournalContent) -> list[Block]:
     """Interruptions, points that are missing, remarks, confirmations and amendments."""
     blocks: list[Block] = [*_interruptions(content), *_missing_points(content)]
-    notes = Counter(str(record["text"]) for record in content.others if record["kind"] == "note")
-    said = [text if count == 1 else f"{text} ({count} times)" for text, count in notes.items()]
+    said = alike([str(record["text"]) for record in content.others if record["kind"] == "note"])
     if said:
         rest = [f"... and {len(said) - _MOST} more, in the journal"] if len(said) > _MOST else []
         blocks += [Words("Notes of the program:"), Points([*said[:_MOST], *rest])]
@@ -194,6 +195,16 @@ def journal_blocks(content: JournalContent) -> list[Block]:
             )
         )
     return blocks
+
+
+def alike(texts: Sequence[str]) -> list[str]:
+    """Texts in order, those that differ in their numbers alone told once, with how many there are."""
+    kinds = Counter(_NUMBER.sub("#", text) for text in texts)
+    first = {_NUMBER.sub("#", text): text for text in reversed(texts)}
+    return [
+        first[kind] if count == 1 else f"{first[kind]} (the first of {count} that differ in numbers at most)"
+        for kind, count in kinds.items()
+    ]
 
 
 def amendment_blocks(content: JournalContent) -> list[Block]:

@@ -43,6 +43,7 @@ def pdf_of(document: Document) -> bytes:
 
 
 def _section(sheets: Sheets, number: int, section: Section) -> None:
+    sheets.catch_up()
     sheets.room(1.4)
     sheets.text(f"{number}. {section.title}", size=_HEADING, weight="bold", before=12, after=4)
     for block in section.blocks:
@@ -59,7 +60,7 @@ def _section(sheets: Sheets, number: int, section: Section) -> None:
             case Table():
                 sheets.table(block)
             case Plot():
-                sheets.plot(block)
+                sheets.float(block)
             case LeftOut(what, why):
                 sheets.text(f"Left out: {what}. Reason: {why}.", colour=_FAINT, after=5)
 
@@ -70,9 +71,15 @@ class Sheets:
     def __init__(self, pages: PdfPages, running: str) -> None:
         self._pages, self._running = pages, running
         self._number = 0
+        self._waiting: list[Plot] = []
         self._open()
 
     def _open(self) -> None:
+        self._sheet()
+        while self._waiting and self._needed(self._waiting[0]) <= self._y - _BOTTOM:
+            self._plot(self._waiting.pop(0))
+
+    def _sheet(self) -> None:
         self._number += 1
         self._figure = Figure(figsize=SHEET)
         FigureCanvasAgg(self._figure)
@@ -82,13 +89,16 @@ class Sheets:
         self._put(str(self._number), _LEFT + WIDTH, 0.42, _SMALL, colour=_FAINT, align="right")
 
     def finish(self) -> None:
-        """Write the last sheet."""
+        """Write what waits, and the last sheet."""
+        while self._waiting:
+            self._pages.savefig(self._figure)
+            self._open()
         self._pages.savefig(self._figure)
 
     def room(self, height: float) -> None:
         """Go to the next sheet unless so many inch are left."""
-        if self._y - height < _BOTTOM:
-            self.finish()
+        while self._y - height < _BOTTOM:
+            self._pages.savefig(self._figure)
             self._open()
 
     def space(self, points: float) -> None:
@@ -118,13 +128,27 @@ class Sheets:
             self._put(line, _LEFT + indent, self._y, size, weight=weight, colour=colour)
         self.space(after)
 
-    def plot(self, plot: Plot) -> None:
-        """A figure with its caption below; too high a one is made as high as a sheet."""
+    def float(self, plot: Plot) -> None:
+        """A figure: here if there is room, else at the top of the next sheet, after those that wait already."""
+        if self._waiting or self._needed(plot) > self._y - _BOTTOM:
+            self._waiting.append(plot)
+        else:
+            self._plot(plot)
+
+    def catch_up(self) -> None:
+        """Before a new section: one figure of the last one may still wait for the next sheet, no more."""
+        while len(self._waiting) > 1:
+            self._pages.savefig(self._figure)
+            self._open()
+
+    def _needed(self, plot: Plot) -> float:
+        """Height in inch of a figure with its caption; at most a sheet."""
+        return min(plot.height + _below(plot), SHEET[1] - _TOP - _BOTTOM)
+
+    def _plot(self, plot: Plot) -> None:
         caption = wrapped(label(plot.counterpart, plot.caption), _SMALL, "normal", WIDTH)
         step = _SMALL * _LEADING * _POINT
-        below = len(caption) * step + 0.12
-        height = min(plot.height, SHEET[1] - _TOP - _BOTTOM - below - 0.02)
-        self.room(height + below)
+        height = self._needed(plot) - _below(plot)
         top = SHEET[1] - self._y
         grid = GridSpec(
             3,
@@ -149,7 +173,7 @@ class Sheets:
         self.room(
             len(wrapped(caption, _BODY, "normal", WIDTH)) * _BODY * _LEADING * _POINT + _height(header) + 4 * step
         )
-        self.text(caption, before=4, after=2)
+        self.text(caption, before=4, after=4)
         self._row(header, widths, table.numbers, "bold")
         for cells in table.rows:
             lines = _cells(cells, widths, "normal")
@@ -199,6 +223,12 @@ class Sheets:
         )
 
 
+def _below(plot: Plot) -> float:
+    """Height in inch of a caption and the space around it."""
+    lines = wrapped(label(plot.counterpart, plot.caption), _SMALL, "normal", WIDTH)
+    return len(lines) * _SMALL * _LEADING * _POINT + 0.16
+
+
 def column_widths(table: Table) -> list[float]:
     """Widths of the columns of a table in inch: as wide as their texts; where that is too much, the wide ones less."""
     columns = [[str(name), *(row[k] for row in table.rows)] for k, name in enumerate(table.header)]
@@ -210,13 +240,12 @@ def column_widths(table: Table) -> list[float]:
     usable = WIDTH - _GAP * (len(columns) - 1)
     if sum(natural) <= usable:
         return natural
-    # The widest columns share what the others leave; none gets narrower than its longest word, if there is room.
-    cap = usable
-    for _ in range(60):
-        cap *= 0.95
-        if sum(min(width, cap) for width in natural) <= usable:
-            break
-    return [min(width, cap) for width in natural]
+    # The widest columns share what the others leave.
+    low, high = 0.0, usable
+    for _ in range(30):
+        cap = (low + high) / 2
+        low, high = (cap, high) if sum(min(width, cap) for width in natural) <= usable else (low, cap)
+    return [min(width, low) for width in natural]
 
 
 def wrapped(text: str, size: float, weight: str, width: float) -> list[str]:
