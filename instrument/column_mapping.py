@@ -1,7 +1,8 @@
 """Tables of other laboratories: a mapping file says which of their columns is which coordinate.
 
 The mapping is a TOML file of the project's own form (``docs/column_mapping.md``); the table is any delimited text with
-one row a point. The result is a run as the data contract has it, checked like one.
+one row a point, or a netCDF file whose variables are the columns. The result is a run as the data contract has it,
+checked like one.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from instrument.angles import FloatArray
 from instrument.budget import COMPONENTS
 from instrument.errors import InputError
 from instrument.forms import Form, read_form
+from instrument.mapped_variables import NETCDF_SUFFIXES, Variables
 from instrument.run_check import checked
 from instrument.run_schema import RUN
 
@@ -26,7 +28,8 @@ from instrument.run_schema import RUN
 UNITS = {
     "nm": {"nm": 1.0, "um": 1e3, "m": 1e9},
     "degree": {"degree": 1.0, "rad": 180 / np.pi},
-    "1": {"1": 1.0, "%": 0.01},
+    # A BRDF times pi is a reflectance factor.
+    "1": {"1": 1.0, "%": 0.01, "1/sr": np.pi},
 }
 _GEOMETRY = {
     "wavelength": "nm",
@@ -144,6 +147,8 @@ class ColumnMapping(Form):
             units = UNITS[_GEOMETRY.get(name, "1")]
             if source.unit is not None and source.unit not in units:
                 raise ValueError(f"columns.{name}: unit {source.unit!r}; expected one of {', '.join(units)}")
+            if source.relative and source.unit == "1/sr":
+                raise ValueError(f"columns.{name}: relative to brf, and in 1/sr; expected 1 or %")
             if source.relative and not name.startswith("u_"):
                 raise ValueError(f"columns.{name}: only an uncertainty can be relative to brf")
         return self
@@ -158,9 +163,11 @@ def read_mapped(path: Path, mapping: Path) -> xr.Dataset:
         Naming the file and what is wrong with it or with the mapping.
     """
     form = read_form(mapping, ColumnMapping)
-    names, texts = _read_table(path, form.table)
-    columns = _Columns(path, mapping, names, texts)
-    kept = _kept(form.rows, columns, len(texts))
+    if path.suffix.lower() in NETCDF_SUFFIXES:
+        columns: _Columns | Variables = Variables(path, mapping, _named(form))
+    else:
+        columns = _Columns(path, mapping, *_read_table(path, form.table))
+    kept = _kept(form.rows, columns)
     if not np.any(kept):
         raise InputError(f"{path}: no row is left by rows of {mapping}; expected at least one")
     values = {name: _of(name, source, columns)[kept] for name, source in form.columns.items()}
@@ -203,6 +210,10 @@ class _Columns:
                 raise InputError(f"{self._path}: row {number + 1}: {name}: found {text!r}; expected a number") from None
         return found
 
+    def present(self) -> NDArray[np.bool_]:
+        """Every row of a text was measured."""
+        return np.ones(len(self._rows), dtype=bool)
+
     def __len__(self) -> int:
         return len(self._rows)
 
@@ -237,8 +248,20 @@ def _bare(text: str) -> str:
     return text.strip().strip("'\"").strip()
 
 
-def _kept(rules: tuple[Rows, ...], columns: _Columns, count: int) -> NDArray[np.bool_]:
-    kept = np.ones(count, dtype=bool)
+def _named(form: ColumnMapping) -> dict[str, str]:
+    """Columns that the mapping names, and the unit in which their values are wanted (empty: any)."""
+    names = {
+        source.column: source.unit or _GEOMETRY.get(name, "1") for name, source in form.columns.items() if source.column
+    }
+    if form.time is not None:
+        names.setdefault(form.time.column, "")
+    for rule in form.rows:
+        names.setdefault(rule.column, "")
+    return names
+
+
+def _kept(rules: tuple[Rows, ...], columns: _Columns | Variables) -> NDArray[np.bool_]:
+    kept = columns.present()
     for rule in rules:
         values = columns.numbers(rule.column)
         if rule.one_of is not None:
@@ -250,7 +273,7 @@ def _kept(rules: tuple[Rows, ...], columns: _Columns, count: int) -> NDArray[np.
     return kept
 
 
-def _of(name: str, source: Source, columns: _Columns) -> FloatArray:
+def _of(name: str, source: Source, columns: _Columns | Variables) -> FloatArray:
     unit = _GEOMETRY.get(name, "1")
     factor = UNITS[unit][source.unit or unit]
     if source.column is None:
