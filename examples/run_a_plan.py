@@ -54,7 +54,7 @@ print(f"{ended.done} of {ended.total} points measured: {ended.outcome}")
 # The journal is the source of truth: the run file can be made of it again.
 
 # %%
-run = read_run(session.run_dir)
+run = read_run(session.run_dir / "run.nc")
 print(run[["brf", "u_brf"]])
 print("components:", ", ".join(run["brf"].attrs["unc_comps"]))
 again = rebuild_run(session.run_dir)

@@ -15,8 +15,6 @@ import pytest
 from pages import DOCS, HOME
 
 EXAMPLES = HOME / "examples"
-#: More than two seconds of computing.
-SLOW = {"run_a_plan", "predict", "propagate", "diagnose", "add_a_reflection_model"}
 
 
 def run(name: str, folder: Path) -> tuple[dict[str, Any], str]:
