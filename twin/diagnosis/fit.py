@@ -150,20 +150,18 @@ def refine(components: Sequence[Component], start: FloatArray, residual: FloatAr
     Refined or None
         None where the optimum has no prior mass.
     """
-    value = _inside(start, components)
+    value, damping = _inside(start, components), 1e-3
     white = member.white(residual)
-    table, slope = _linearised(components, value)
-    cost, damping = _squared(white - member.white(table)), 1e-3
+    table, jacobian = _whitened(components, value, member)
+    cost = _squared(white - table)
     for _ in range(_STEPS):
-        jacobian = member.white(slope)
         normal = jacobian @ jacobian.T
-        gradient = jacobian @ (white - member.white(table))
-        step = _solved(normal + damping * np.diag(np.diag(normal) + 1e-300), gradient)
+        step = _solved(normal + damping * np.diag(np.diag(normal) + 1e-300), jacobian @ (white - table))
         trial = _inside(value + step, components)
-        trial_table, trial_slope = _linearised(components, trial)
-        trial_cost = _squared(white - member.white(trial_table))
+        trial_table, trial_jacobian = _whitened(components, trial, member)
+        trial_cost = _squared(white - trial_table)
         if trial_cost < cost:
-            gain, cost, value, table, slope = cost - trial_cost, trial_cost, trial, trial_table, trial_slope
+            gain, cost, value, table, jacobian = cost - trial_cost, trial_cost, trial, trial_table, trial_jacobian
             damping *= 0.2
             if gain < _ENOUGH:
                 break
@@ -171,7 +169,6 @@ def refine(components: Sequence[Component], start: FloatArray, residual: FloatAr
             damping *= 8.0
             if damping > 1e6:
                 break
-    jacobian = member.white(slope)
     normal = jacobian @ jacobian.T
     # The slab is about as wide as the amplitude itself: what the run leaves open, the prior bounds.
     bounded = normal + np.diag(_prior_precision(value, components))
@@ -189,7 +186,7 @@ def refine(components: Sequence[Component], start: FloatArray, residual: FloatAr
         covariance,
         float(evidence),
         float(log_density),
-        float(np.sqrt(_squared(member.white(table)))),
+        float(np.sqrt(_squared(table))),
     )
 
 
@@ -239,6 +236,13 @@ def _fit(
 ) -> Fit:
     weighted = by + np.array([member.log_weight for member in members])
     return Fit(names, float(log_sum(weighted)), by, mean, covariance, table, int(np.argmax(weighted)), sizes)
+
+
+def _whitened(components: Sequence[Component], value: FloatArray, member: Normal) -> tuple[FloatArray, FloatArray]:
+    """Logarithmic ratio and its slope, whitened in one product: shape (point,) and (parameter, point)."""
+    table, slope = _linearised(components, value)
+    rows = member.white(np.concatenate([table[None], slope]))
+    return rows[0], rows[1:]
 
 
 def _linearised(components: Sequence[Component], value: FloatArray) -> tuple[FloatArray, FloatArray]:
