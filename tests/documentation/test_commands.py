@@ -32,6 +32,7 @@ EXECUTED = (
     r"goniotwin artifact show ",
     r"goniotwin predict first\.toml ",
     r"goniotwin diagnose run\.nc$",
+    r"goniotwin report runs/first ",
 )
 INSTEAD = {"--speed 120": "--speed 400 --no-twin", "--out prediction.nc": "--out prediction.nc --standard-error 0.01"}
 #: Only parsed, and why.
