@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,11 +22,9 @@ Samples = Annotated[int, typer.Option(min=2, max=10000, help="Readings of a burs
 Repeats = Annotated[int, typer.Option(min=1, max=100, help="How many times everything is read.")]
 
 _FOLDER = Path("calibrations")
-#: Options that say where and by whom, not what: they stand beside a result's settings.
-_ROOM = ("simulate", "speed", "seed", "devices", "facility", "results", "who", "json")
 
 
-def gain(
+def _room(
     simulate: Simulate = False,
     speed: Speed = 1.0,
     seed: Seed = 1,
@@ -33,23 +33,49 @@ def gain(
     results: Results = _FOLDER,
     who: Who = None,
     json: Json = None,
+) -> None:
+    """Options that say where and by whom, not what: every procedure has them, beside the settings of its result."""
+
+
+def _procedure(name: str, target: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a command of a procedure from a function that has its own options only, and refuses bad ones.
+
+    Parameters
+    ----------
+    name
+        Of the result.
+    target
+        ``module:function`` below ``instrument.procedures``; imported once it is needed.
+    """
+
+    def made(declared: Callable[..., None]) -> Callable[..., None]:
+        def command(**options: Any) -> None:
+            room = {key: options.pop(key) for key in signature(_room).parameters}
+            declared(**options)
+            _run(name, target, room, options)
+
+        own = list(signature(declared, eval_str=True).parameters.values())
+        shared = list(signature(_room, eval_str=True).parameters.values())
+        named = [each.replace(kind=Parameter.KEYWORD_ONLY) for each in (*shared, *own)]
+        command.__signature__ = Signature(named)  # type: ignore[attr-defined]
+        command.__annotations__ = {each.name: each.annotation for each in named}
+        command.__name__, command.__doc__ = declared.__name__, declared.__doc__
+        return command
+
+    return made
+
+
+@_procedure("gain-ratio", "gain_ratio:gain_ratios")
+def gain(
     wavelength: Wavelength = 500.0,
     repeats: Repeats = 3,
     samples: Samples = 9,
 ) -> None:
     """Measure the ratios of the amplifier's gains with the same light at both."""
-    _run("gain-ratio", "gain_ratio:gain_ratios", locals())
 
 
+@_procedure("linearity", "linearity:linearity")
 def linearity(
-    simulate: Simulate = False,
-    speed: Speed = 1.0,
-    seed: Seed = 1,
-    devices: Devices = None,
-    facility: Facility = None,
-    results: Results = _FOLDER,
-    who: Who = None,
-    json: Json = None,
     wavelength: Wavelength = 500.0,
     way: Annotated[str, typer.Option(help="Add fluxes by 'channels' of the filter or by 'apertures'.")] = "channels",
     gain: Annotated[float | None, typer.Option(help="V/A; the highest by default.")] = None,
@@ -62,34 +88,18 @@ def linearity(
         from instrument.errors import InputError
 
         raise InputError(f"--way: found {way!r}; expected channels or apertures")
-    _run("linearity", "linearity:linearity", locals())
 
 
+@_procedure("dark-level", "dark:dark_level")
 def dark(
-    simulate: Simulate = False,
-    speed: Speed = 1.0,
-    seed: Seed = 1,
-    devices: Devices = None,
-    facility: Facility = None,
-    results: Results = _FOLDER,
-    who: Who = None,
-    json: Json = None,
     samples: Samples = 100,
     leak: Annotated[bool, typer.Option(help="Look behind the closed shutter with the source on, too.")] = True,
 ) -> None:
     """Measure the dark level of every gain, and light that passes the closed shutter."""
-    _run("dark-level", "dark:dark_level", locals())
 
 
+@_procedure("warm-up", "warm_up:warm_up")
 def warm_up(
-    simulate: Simulate = False,
-    speed: Speed = 1.0,
-    seed: Seed = 1,
-    devices: Devices = None,
-    facility: Facility = None,
-    results: Results = _FOLDER,
-    who: Who = None,
-    json: Json = None,
     wavelength: Wavelength = 500.0,
     limit: Annotated[float, typer.Option(min=1e-6, help="Relative change an hour that counts as stable.")] = 0.005,
     interval: Annotated[float, typer.Option(min=0, help="Seconds from reading to reading.")] = 60.0,
@@ -98,18 +108,10 @@ def warm_up(
     samples: Samples = 9,
 ) -> None:
     """Switch the source on and wait until the slope of the readings is small for sure."""
-    _run("warm-up", "warm_up:warm_up", locals())
 
 
+@_procedure("wavelength", "wavelength:wavelength_check")
 def wavelength(
-    simulate: Simulate = False,
-    speed: Speed = 1.0,
-    seed: Seed = 1,
-    devices: Devices = None,
-    facility: Facility = None,
-    results: Results = _FOLDER,
-    who: Who = None,
-    json: Json = None,
     standard: Annotated[Path | None, typer.Option(help="Certificate of the wavelength standard.")] = None,
     step: Annotated[float, typer.Option(min=0.05, help="Of the scan, nm.")] = 1.5,
     allowed: Annotated[float, typer.Option(min=0, help="Standard uncertainty of the scale, nm.")] = 0.15,
@@ -119,56 +121,30 @@ def wavelength(
     ] = False,
 ) -> None:
     """Check the wavelength scale with the absorption bands of a standard."""
-    _run("wavelength", "wavelength:wavelength_check", locals())
 
 
+@_procedure("intersection", "intersection:intersection")
 def intersection(
-    simulate: Simulate = False,
-    speed: Speed = 1.0,
-    seed: Seed = 1,
-    devices: Devices = None,
-    facility: Facility = None,
-    results: Results = _FOLDER,
-    who: Who = None,
-    json: Json = None,
     wavelength: Wavelength = 500.0,
     edge: Annotated[bool, typer.Option(help="Use the edge target, too.")] = True,
     samples: Samples = 9,
     repeats: Repeats = 2,
 ) -> None:
     """Check whether the arms' axes meet: zero of the sensor zenith, tilt of the stage, way of the sensor's axis."""
-    _run("intersection", "intersection:intersection", locals())
 
 
+@_procedure("control-sample", "control_sample:control_sample")
 def control_sample(
     sample: Annotated[str, typer.Argument(help="Name of the control sample.")],
-    simulate: Simulate = False,
-    speed: Speed = 1.0,
-    seed: Seed = 1,
-    devices: Devices = None,
-    facility: Facility = None,
-    results: Results = _FOLDER,
-    who: Who = None,
-    json: Json = None,
     wavelength: Wavelength = 500.0,
     samples: Samples = 9,
 ) -> None:
     """Measure a control sample and hold it against its long-term chart."""
-    _run("control-sample", "control_sample:control_sample", locals())
 
 
-def align(
-    simulate: Simulate = False,
-    speed: Speed = 1.0,
-    seed: Seed = 1,
-    devices: Devices = None,
-    facility: Facility = None,
-    results: Results = _FOLDER,
-    who: Who = None,
-    json: Json = None,
-) -> None:
+@_procedure("alignment", "alignment:alignment")
+def align() -> None:
     """Align the instrument step by step; every step is confirmed by a person and recorded."""
-    _run("alignment", "alignment:alignment", locals())
 
 
 def list_results(
@@ -206,7 +182,7 @@ def chart(
         raise typer.Exit(status)
 
 
-def _run(name: str, target: str, options: dict[str, Any]) -> None:
+def _run(name: str, target: str, room: dict[str, Any], own: dict[str, Any]) -> None:
     """Import a procedure and run it with the options that are its own."""
     from functools import partial
     from importlib import import_module
@@ -215,13 +191,12 @@ def _run(name: str, target: str, options: dict[str, Any]) -> None:
     from instrument.procedures.run import run_procedure
 
     module, _, function = target.partition(":")
-    own = {key: value for key, value in options.items() if key not in _ROOM}
     settings = {key: str(value) if isinstance(value, Path) else value for key, value in own.items()}
     if "sample" in own:
         own = {("subject" if key == "sample" else key): value for key, value in own.items()}
-        own["results"] = options["results"]
-    room = {key: value for key, value in options.items() if key in _ROOM and key != "json"}
+        own["results"] = room["results"]
+    report = room.pop("json")
     work = partial(getattr(import_module(f"instrument.procedures.{module}"), function), **own)
-    status = run_procedure(RoomRequest(**room), name, work, settings, options["json"])
+    status = run_procedure(RoomRequest(**room), name, work, settings, report)
     if status:
         raise typer.Exit(status)
