@@ -39,6 +39,8 @@ ONE_SIDED = {
     "illumination_zenith": {"approach": "falling", "backlash": 1.0},
 }
 TURNED = {"sample_rotation": [0.0, 60.0, 120.0], "polarization": ["s", "mean"]}
+BY_HAND = {"illumination_zenith": [20.0], "illumination_azimuth": [-45.0, 0.0, 45.0], "sensor_zenith": [60.0, 30.0]}
+TURNABLE = facility(illumination_azimuth=(-90.0, 90.0))
 LONG = {"sensor_zenith": [60.0, 50.0, 40.0, 30.0, 20.0, -20.0, -40.0, -60.0]}
 EQUIPPED = facility(sample_rotation=(-180.0, 180.0), polarizer=(0.0, 90.0))
 REPEATING = FACILITY.model_copy(update={"reference": FACILITY.reference.model_copy(update={"repeat_minutes": 2.0})})
@@ -53,6 +55,8 @@ PLANS: list[tuple[str, dict[str, Any], float, dict[str, Any]]] = [
     ("approach from one side", SWEEPS, AT_ONCE, {"edit": ONE_SIDED}),
     ("rotation and polarisation", TURNED, 5.0, {"at": EQUIPPED}),
     ("reference every 2 minutes", LONG, 20.0, {"at": REPEATING}),
+    ("reference every 2 minutes, by hands that take one", LONG, 20.0, {"at": REPEATING, "hands": 60.0}),
+    ("three azimuths, set by hands in two minutes", BY_HAND, 5.0, {"at": TURNABLE, "hands": 120.0}),
 ]
 
 
@@ -61,8 +65,9 @@ def main() -> None:
     rows = []
     print("| plan | estimated / s | simulated / s | difference |\n|---|---|---|---|")
     for name, part, dwell, further in PLANS:
+        hands = further.pop("hands", 0.0)
         with tempfile.TemporaryDirectory() as folder:
-            settings = ScanSettings(dwell=dwell, disk_reserve=0.0)
+            settings = ScanSettings(dwell=dwell, hands=hands, disk_reserve=0.0)
             estimated, simulated = durations(Path(folder), [part], settings, **further)
         rows.append({"plan": name, "estimated_s": round(estimated, 1), "simulated_s": round(simulated, 1)})
         print(

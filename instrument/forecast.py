@@ -147,6 +147,7 @@ def forecast(
     to_home: int = 0,
     repeat_minutes: float = 0.0,
     reference_age: float = 0.0,
+    turned: float | None = 0.0,
 ) -> Forecast:
     """Go through a scan.
 
@@ -166,6 +167,8 @@ def forecast(
         After how long the reference is repeated; 0 for never.
     reference_age
         Seconds since the reference was read that a resumed scan goes on with.
+    turned
+        Illumination azimuth (degree) at which the manual stage stands; None where a person has to set it first.
 
     Raises
     ------
@@ -183,6 +186,9 @@ def forecast(
         if repeat_minutes > 0 and walk.now - calibrated >= 60.0 * repeat_minutes:
             calibrated = walk.now
             walk.calibrate(every_reference)
+            walk.hands()
+        if geometry.illumination_azimuth != turned:
+            turned = geometry.illumination_azimuth
             walk.hands()
         walk.measure("point", index, geometry)
     if repeat_minutes > 0:
@@ -204,7 +210,7 @@ class _Walk:
         self.steps: list[Step] = []
 
     def hands(self) -> None:
-        """Somebody changes what lies on the stage: arms at rest, source off and on again."""
+        """Somebody changes what lies on the stage, or turns it: arms at rest, source off and on again."""
         begin, pace = self.now, self._pace
         self.now += pace.rest() + pace.settings.hands + pace.settings.warm_up
         self._wavelength = self._wavelength if pace.settings.emission_while_mounting else None

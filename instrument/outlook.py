@@ -14,6 +14,7 @@ from instrument.forecast import Forecast, Pace, forecast
 from instrument.job import ScanJob
 from instrument.safety import Pose
 from instrument.station import Station
+from instrument.turning import position_at_start
 
 
 def outlook(job: ScanJob, station: Station, missing: Sequence[int], start: Pose) -> Forecast:
@@ -43,6 +44,7 @@ def outlook(job: ScanJob, station: Station, missing: Sequence[int], start: Pose)
         to_home=sum(not ask(axis.status).homed for axis in axes.values()),
         repeat_minutes=job.facility.reference.repeat_minutes,
         reference_age=job.reference_age() / timedelta(seconds=1),
+        turned=position_at_start(job.plan.points),
     )
 
 

@@ -11,6 +11,7 @@ from virtual_laboratory import VirtualLaboratory
 from instrument.events import ScanEnded, ScanStarted
 from instrument.facility import Facility
 from instrument.plan import PlanForm, make_plan
+from instrument.prompts import Prompt
 from instrument.settings import MotionSettings, ScanSettings
 
 GRID = {"wavelength": [500.0], "illumination_zenith": [0.0], "sensor_azimuth": [0.0], "sensor_zenith": [40.0, 30.0]}
@@ -19,6 +20,23 @@ ZENITHS = {"start": 60.0, "stop": -60.0, "step": -40.0}
 
 def facility(**arms: object) -> Facility:
     return FACILITY.model_copy(update={"arms": FACILITY.arms.model_copy(update=arms)})
+
+
+class SlowHands:
+    """A person who takes as long as the settings expect, and does what is asked for."""
+
+    def __init__(self, bench: VirtualLaboratory, seconds: float) -> None:
+        self._bench, self._seconds = bench, seconds
+        self.done: list[str] = []
+
+    def mount(self, what: str) -> None:
+        self._bench.clock.sleep(self._seconds)
+        self._bench.mount(what)
+
+    def reply(self, prompt: Prompt) -> None:
+        self.done.append(prompt.key)
+        if prompt.key.startswith("turn:"):
+            self._bench.clock.sleep(self._seconds)
 
 
 def durations(
@@ -36,6 +54,7 @@ def durations(
     bench = VirtualLaboratory(tmp_path / "lab", at, edit)
     try:
         s = stage(tmp_path / "run", make_plan(form, at, "plan.toml"), bench, settings, at)  # type: ignore[arg-type]
+        s.engine._steps._operator = SlowHands(bench, settings.hands)
         end = s.run(120.0)
         assert end.outcome == "finished", end.reason
     finally:
@@ -83,4 +102,13 @@ def test_stages_count(tmp_path: Path) -> None:
 def test_repetitions_of_the_reference_count(tmp_path: Path) -> None:
     at = FACILITY.model_copy(update={"reference": FACILITY.reference.model_copy(update={"repeat_minutes": 1.0})})
     estimated, simulated = durations(tmp_path, [{"sensor_zenith": ZENITHS}], USUAL, at)
+    assert estimated == pytest.approx(simulated, rel=0.05)
+
+
+def test_hands_that_turn_the_sample_and_change_it_count(tmp_path: Path) -> None:
+    at = facility(illumination_azimuth=(-90.0, 90.0))
+    parts = [{"illumination_zenith": [20.0], "illumination_azimuth": azimuth} for azimuth in (0.0, 30.0)]
+    settings = BRISK.model_copy(update={"hands": 90.0, "warm_up": 30.0})
+    estimated, simulated = durations(tmp_path, parts, settings, at)
+    assert simulated > 4 * 120.0  # the reference, the sample, and two azimuths
     assert estimated == pytest.approx(simulated, rel=0.05)
