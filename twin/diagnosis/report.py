@@ -11,7 +11,7 @@ from instrument.files import write_atomically
 from twin import html_page
 from twin.diagnosis import parity_only
 from twin.diagnosis.diagnose import Diagnosis
-from twin.diagnosis.outcome import advice, chance_of, made_with, parameters, verdict_in_words, with_u
+from twin.diagnosis.outcome import advice, made_with, parameters, verdict_in_words
 from twin.diagnosis.parity import Parity
 from twin.diagnosis.posterior import PRIOR
 from twin.diagnosis.report_figures import (
@@ -27,6 +27,7 @@ from twin.diagnosis.report_figures import (
 )
 from twin.diagnosis.verdict import TOLD_APART, Named
 from twin.html_page import bullets, heading, paragraph, picture, table
+from twin.rounding import chance_of, with_u
 
 #: Effects of the ranking that are listed.
 _LISTED = 10

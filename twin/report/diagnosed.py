@@ -10,13 +10,13 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import FigureBase
 
-from twin.diagnosis.outcome import chance_of, with_u
 from twin.diagnosis.report_figures import GAP_HEIGHT, gap_bars, ranking_bars, ranking_height
 from twin.report.document import Block, Plot, Points, Table, Words
 from twin.report.facets import Facet, by_light, geometry
 from twin.report.maps import Scale, draw_maps, map_height
 from twin.report.measured import in_parts, part
 from twin.report.sources import DiagnosisFile
+from twin.rounding import chance_of, with_u
 
 _LEADS = {
     "none": "Measurement and simulation agree: no gap beyond the budget.",

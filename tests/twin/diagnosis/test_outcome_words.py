@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from twin.diagnosis.followup import dimmed
-from twin.diagnosis.outcome import chance_of, with_u
+from twin.diagnosis.joint import dimmed
+from twin.rounding import chance_of, with_u
 
 
 @pytest.mark.parametrize(
