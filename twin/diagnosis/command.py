@@ -144,10 +144,11 @@ def _symmetries_alone(
 
 
 def _parity(runs: list[Path], symmetry: str, wavelength: float | None) -> tuple[Parity, ...]:
-    from twin.diagnosis.observation import read_observation
+    from twin.diagnosis.observation import LEAST_FOLLOWING, LEAST_POINTS, read_observation
     from twin.diagnosis.parity_only import symmetries_of
 
-    return tuple(one for run in runs for one in symmetries_of(read_observation(run), symmetry, wavelength))
+    read = [read_observation(run, LEAST_FOLLOWING if k else LEAST_POINTS) for k, run in enumerate(runs)]
+    return tuple(one for run in read for one in symmetries_of(run, symmetry, wavelength))
 
 
 def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs | None:
@@ -178,10 +179,10 @@ def _diagnose(
     from twin.diagnosis.diagnose import diagnose
     from twin.diagnosis.followup import further
     from twin.diagnosis.joint import prepare_jointly
-    from twin.diagnosis.observation import read_observation
+    from twin.diagnosis.observation import LEAST_FOLLOWING, LEAST_POINTS, read_observation
     from twin.diagnosis.preparation import Bench
 
-    observations = [read_observation(run) for run in runs]
+    observations = [read_observation(run, LEAST_FOLLOWING if k else LEAST_POINTS) for k, run in enumerate(runs)]
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("reading", total=1.0)

@@ -15,10 +15,10 @@ import numpy as np
 
 from instrument.errors import InputError
 from instrument.files import write_atomically
-from twin.diagnosis.next_information import Explanation, Outlook, Worth, dimmed, explanations
+from twin.diagnosis.next_information import Explanation, Outlook, Worth, explanations
 from twin.diagnosis.next_plan import duration_of, plan_text
 from twin.diagnosis.next_scans import Scan, other_geometries, scans
-from twin.diagnosis.next_stage import Stage, wider
+from twin.diagnosis.next_stage import Stage, white_stage, wider
 from twin.diagnosis.verdict import TOLD_APART
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from twin.diagnosis.diagnose import Diagnosis
     from twin.diagnosis.preparation import Bench
 
-__all__ = ["Proposal", "dimmed", "further", "proposals", "unresolved", "write_plans"]
+__all__ = ["Proposal", "further", "proposals", "unresolved", "weighed", "write_plans"]
 
 #: Less than this is not worth a scan, nats; and runs as sure as that need none.
 _LEAST = 0.05
@@ -38,6 +38,7 @@ _SECONDS_AN_HOUR = 3600.0
 _DIMMED_REMARK = (
     "Source at a quarter of its power, or a filter of density 0.6 in the beam, for the reference and for all points."
 )
+_OTHER_REMARK = "The {} on the stage in place of the sample."
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Proposal:
 
 def proposals(diagnosis: Diagnosis, facility: Facility, most: int = 3) -> list[Proposal]:
     """Scans of the run's own slices that say most an hour, of each kind the best."""
-    return ranked(outlook_of(diagnosis, Stage.of(diagnosis.prepared, facility)), facility, most)
+    return ranked(outlook_of(diagnosis, [Stage.of(diagnosis.prepared, facility)]), facility, most)
 
 
 def further(diagnosis: Diagnosis, bench: Bench, most: int = 6) -> list[Proposal]:
@@ -85,14 +86,14 @@ def further(diagnosis: Diagnosis, bench: Bench, most: int = 6) -> list[Proposal]
     if _entropy(explanations(diagnosis.posterior, diagnosis.prepared.problem)) < _LEAST:
         return []
     run = diagnosis.prepared.problem.run
-    stage = wider(bench, run, other_geometries(run, bench.facility.arms))
-    return ranked(outlook_of(diagnosis, stage), bench.facility, most)
+    stages = [wider(bench, run, other_geometries(run, bench.facility.arms)), white_stage(bench, run)]
+    return ranked(outlook_of(diagnosis, stages), bench.facility, most)
 
 
-def outlook_of(diagnosis: Diagnosis, stage: Stage) -> Outlook:
-    """The leading explanations of a diagnosed run before the geometries of a stage."""
+def outlook_of(diagnosis: Diagnosis, stages: Sequence[Stage]) -> Outlook:
+    """The leading explanations of a diagnosed run before the geometries of some stages."""
     problem = diagnosis.prepared.problem
-    return Outlook(problem, stage, known_of(explanations(diagnosis.posterior, problem), stage))
+    return Outlook(problem, stages, known_of(explanations(diagnosis.posterior, problem), stages[0]))
 
 
 def known_of(leading: Sequence[Explanation], stage: Stage) -> list[Explanation]:
@@ -110,7 +111,7 @@ def ranked(outlook: Outlook, facility: Facility, most: int) -> list[Proposal]:
     """The best scan of each kind, the most informative an hour first; the best one grown while that pays."""
     if outlook.entropy < _LEAST:
         return []
-    single = sorted(_weighed(outlook, facility, scans(outlook.stage)), key=lambda p: -p.rate)
+    single = sorted(weighed(outlook, facility, scans(outlook.stages)), key=lambda p: -p.rate)
     single = [proposal for proposal in single if proposal.information_nats >= _LEAST]
     if not single:
         return []
@@ -123,21 +124,24 @@ def ranked(outlook: Outlook, facility: Facility, most: int) -> list[Proposal]:
 
 def _grown(outlook: Outlook, facility: Facility, first: Proposal, others: Sequence[Proposal]) -> Proposal:
     """The scan with further slices, as long as each adds to what is said an hour."""
-    best, left = first, [o for o in others if o.scan.light == first.scan.light]
+    best, left = first, [o for o in others if (o.scan.light, o.scan.stage) == (first.scan.light, first.scan.stage)]
     for _ in range(_SLICES - 1):
         joined = [best.scan.joined(other.scan) for other in left]
-        found = max(_weighed(outlook, facility, joined), key=lambda p: p.rate, default=best)
+        found = max(weighed(outlook, facility, joined), key=lambda p: p.rate, default=best)
         if found.rate <= best.rate:
             break
         best = found
     return best
 
 
-def _weighed(outlook: Outlook, facility: Facility, some: Iterable[Scan]) -> list[Proposal]:
+def weighed(outlook: Outlook, facility: Facility, some: Iterable[Scan]) -> list[Proposal]:
+    """What each of some scans is worth; those that the instrument cannot carry out are left out."""
     found = []
     for scan in some:
-        columns = {name: column[scan.rows] for name, column in outlook.stage.observation.columns.items()}
-        text = plan_text(f"next: {scan.description}", columns, _DIMMED_REMARK if scan.light < 1 else "")
+        stage = outlook.stages[scan.stage]
+        columns = {name: column[scan.rows] for name, column in stage.observation.columns.items()}
+        remark = _DIMMED_REMARK if scan.light < 1 else _OTHER_REMARK.format(stage.sample) if stage.sample else ""
+        text = plan_text(f"next: {scan.description}", columns, remark)
         try:
             duration = duration_of(text, facility)
         except InputError:

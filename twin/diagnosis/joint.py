@@ -44,10 +44,13 @@ class JointResponse:
         Its response in each run.
     own
         Every run has parameters of its own; otherwise they are shared.
+    light
+        Share of the first run's light in each run, from the readings of the reference; 1 where not given.
     """
 
     parts: tuple[Any, ...]
     own: bool = False
+    light: tuple[float, ...] = ()
 
     @property
     def effect(self) -> Effect:
@@ -81,7 +84,9 @@ class JointResponse:
     def log_ratio(self, values: FloatArray) -> FloatArray:
         """Logarithm of the readings with the effect over those without, shape (n, point)."""
         if not self.own:
-            return np.concatenate([part.log_ratio(values) for part in self.parts], axis=1)
+            light = self.light or (1.0,) * len(self.parts)
+            pairs = zip(self.parts, light, strict=True)
+            return np.concatenate([part.log_ratio(dimmed(self.name, values, share)) for part, share in pairs], axis=1)
         ends = np.cumsum([len(part.parameters) for part in self.parts])[:-1]
         split = np.split(values, ends, axis=1)
         return np.concatenate([part.log_ratio(v) for part, v in zip(self.parts, split, strict=True)], axis=1)
@@ -90,6 +95,25 @@ class JointResponse:
         """Derivative of the logarithm at the nominal values, shape (parameter, point)."""
         rows = [part.derivative() for part in self.parts]
         return np.asarray(block_diag(*rows)) if self.own else np.concatenate(rows, axis=1)
+
+
+def dimmed(name: str, values: FloatArray, light: float) -> FloatArray:
+    """Parameters that an effect has with less light, shape (value, parameter).
+
+    A response 1 + fraction (s^power - 1)/power relative to a reference that is dimmed too has, to first order, the
+    fraction light^power of it. A voltage is seen by the smaller current of the reference.
+    """
+    if name != "detector_nonlinearity" or light == 1.0:
+        return values
+    return np.stack([values[:, 0] * light ** values[:, 1], values[:, 1]], axis=1)
+
+
+def light_of(parts: Sequence[Any]) -> tuple[float, ...]:
+    """Share of the first run's light in each, from the reference's photocurrents; 1 where a run does not say."""
+    currents = [getattr(getattr(part, "run", None), "reference_current", None) or 0.0 for part in parts]
+    if min(currents) <= 0:
+        return (1.0,) * len(parts)
+    return tuple(float(current / currents[0]) for current in currents)
 
 
 def prepare_jointly(
@@ -228,5 +252,6 @@ def joined_responses(parts: Sequence[Responses]) -> tuple[dict[str, JointRespons
     found = {}
     for name in parts[0].found:
         if name not in ruled_out:
-            found[name] = JointResponse(tuple(part.found[name] for part in parts), name in _OWN_PARAMETERS)
+            some = tuple(part.found[name] for part in parts)
+            found[name] = JointResponse(some, name in _OWN_PARAMETERS, light_of(some))
     return found, ruled_out

@@ -17,6 +17,7 @@ from scipy import linalg
 from instrument.angles import FloatArray
 from twin.diagnosis.amplitude import Parameter, log_sum
 from twin.diagnosis.covariance import smooth_gap, structures
+from twin.diagnosis.joint import dimmed
 from twin.diagnosis.next_scans import Scan
 from twin.diagnosis.next_stage import Stage, read_again, taken_again
 from twin.diagnosis.observation import Observation
@@ -140,14 +141,16 @@ class Outlook:
     ----------
     problem
         The run, whose points are the first of ``stage``.
-    stage
-        Geometries that may be read.
+    stages
+        Geometries that may be read; the first points of the first stage are the run's.
     seed
         Of the draws, the same for every scan: differences between scans are not of luck.
     """
 
-    def __init__(self, problem: Problem, stage: Stage, leading: Sequence[Explanation], seed: int = 5) -> None:
-        self.problem, self.stage, self.leading, self._seed = problem, stage, list(leading), seed
+    def __init__(
+        self, problem: Problem, stages: Sequence[Stage], leading: Sequence[Explanation], seed: int = 5
+    ) -> None:
+        self.problem, self.stages, self.leading, self._seed = problem, tuple(stages), list(leading), seed
         self._here: dict[tuple[int, tuple[int, float] | None], FloatArray] = {}
 
     @property
@@ -157,19 +160,21 @@ class Outlook:
         return float(-np.sum(p * np.log(p)))
 
     @cached_property
-    def _shared(self) -> FloatArray:
-        return self.stage.shared()
+    def budgets(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Of each stage columns that run and scan share, in the same order, and those of a scan alone."""
+        labels, width = self.stages[0].shared_labels, self.stages[0].unlabelled.shape[1]
+        return tuple((stage.shared(labels, width), stage.own(labels)) for stage in self.stages)
 
-    @cached_property
-    def _own(self) -> FloatArray:
-        return self.stage.own()
+    @property
+    def of_run(self) -> int:
+        """Points of the run."""
+        return self.stages[0].of_run
 
     def factor(self, member: tuple[int, tuple[int, float] | None]) -> FloatArray:
         """Lower triangular factor of the run's covariance under a structure and a gap of unknown cause."""
         if member not in self._here:
             structure, gap = member
-            count = self.stage.of_run
-            budget = np.concatenate([self._shared[:count], self._own[:count]], axis=1)
+            budget = np.concatenate([part[: self.of_run] for part in self.budgets[0]], axis=1)
             covariance = self.problem.structures[structure].covariance + budget @ budget.T
             covariance = covariance + np.diag(self.problem.u_nominal**2)
             if gap is not None:
@@ -180,6 +185,9 @@ class Outlook:
 
     def worth(self, scan: Scan, draws: int = DRAWS) -> Worth | None:
         """What a scan is expected to say; None where it is not known what an effect becomes in it."""
+        known = self.stages[scan.stage].responses
+        if any(not set(one.names) <= set(known) for one in self.leading):
+            return None
         if scan.light < 1 and any(set(one.names) & set(NOT_DIMMED) for one in self.leading):
             return None
         seen = _Seen(self, scan)
@@ -246,14 +254,15 @@ class _Seen:
     """A scan, ready to be looked at by explanations."""
 
     def __init__(self, outlook: Outlook, scan: Scan) -> None:
-        self.outlook, self.scan, stage = outlook, scan, outlook.stage
+        self.outlook, self.scan = outlook, scan
+        self.stage = stage = outlook.stages[scan.stage]
         self.observation = read_again(stage, scan.rows, scan.light)
         self._acquisition = taken_again(stage, scan.rows, scan.light)
         self._structures = {s.name: s.covariance for s in structures(self.observation)}
         self._responses: dict[str, AnyResponse] = {}
         rows = scan.rows
-        shared, own = outlook._shared, outlook._own
-        self._cross = shared[rows] @ shared[: stage.of_run].T
+        shared, own = outlook.budgets[scan.stage]
+        self._cross = shared[rows] @ outlook.budgets[0][0][: outlook.of_run].T
         self._systematic = shared[rows] @ shared[rows].T + own[rows] @ own[rows].T + np.diag(stage.u_nominal[rows] ** 2)
         self._conditional: dict[tuple[int, tuple[int, float] | None], tuple[FloatArray, FloatArray]] = {}
 
@@ -295,13 +304,13 @@ class _Seen:
         spread = size * np.concatenate([self.observation.relative_u, run.relative_u])
         covariance = shape * np.outer(spread, spread)
         cross = covariance[:count, count:]
-        # What comes with time is not the same in another scan.
-        return covariance[:count, :count], np.zeros_like(cross) if "time" in name else cross
+        # What comes with time is not the same in another scan, and another sample need not have it.
+        return covariance[:count, :count], np.zeros_like(cross) if "time" in name or self.stage.sample else cross
 
     def response(self, name: str) -> AnyResponse:
         """Of an effect in the scan."""
         if name not in self._responses:
-            self._responses[name] = self.outlook.stage.responses[name].again(self._acquisition, self.scan.rows)
+            self._responses[name] = self.stage.responses[name].again(self._acquisition, self.scan.rows)
         return self._responses[name]
 
     def _parts(self, explanation: Explanation) -> list[tuple[str, slice]]:
@@ -313,7 +322,7 @@ class _Seen:
 
     def tables(self, explanation: Explanation, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Logarithmic ratios in the run and in the scan at values of shape (n, parameter); shape (n, point) each."""
-        here = np.zeros((len(values), self.outlook.stage.of_run))
+        here = np.zeros((len(values), self.outlook.of_run))
         there = np.zeros((len(values), len(self.scan.rows)))
         for name, part in self._parts(explanation):
             here = here + self.outlook.problem.component(name).signature.log_ratio(values[:, part])
@@ -388,17 +397,6 @@ def _behind(scan: Observation, run: Observation) -> Observation:
     columns = {name: np.concatenate([column, run.columns[name]]) for name, column in scan.columns.items()}
     both = [np.concatenate([one, other]) for one, other in ((scan.brf, run.brf), (scan.u_brf, run.u_brf))]
     return Observation("", np.arange(len(both[0])), columns, both[0], both[1], {})
-
-
-def dimmed(name: str, values: FloatArray, light: float) -> FloatArray:
-    """Parameters that an effect has with less light, shape (value, parameter).
-
-    A response 1 + fraction (s^power - 1)/power relative to a reference that is dimmed too has, to first order, the
-    fraction light^power of it. A voltage is seen by the smaller current of the reference.
-    """
-    if name != "detector_nonlinearity":
-        return values
-    return np.stack([values[:, 0] * light ** values[:, 1], values[:, 1]], axis=1)
 
 
 def _factor(covariance: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.diagnosis.next_stage import Stage, geometries, unshadowed
-from twin.diagnosis.observation import Observation
+from twin.diagnosis.observation import LEAST_FOLLOWING, Observation
 
 if TYPE_CHECKING:
     from instrument.facility import Arms
 
 IntArray = NDArray[np.int64]
-#: Slices of fewer points are not proposed; longer ones of other planes are thinned to about so many points.
-FEWEST, _MOST = 5, 17
+#: Slices of other planes are thinned to about so many points.
+_MOST = 17
 #: Share of the light of a dimmed scan.
 DIMMED = 0.25
 #: Illumination zeniths that are offered where the run lacks them, degree, and how near the run's may be.
@@ -40,15 +40,18 @@ class Scan:
     description
         In words, to stand behind "measure".
     rows
-        Numbers of the points on the :class:`~twin.diagnosis.next_stage.Stage`.
+        Numbers of the points on its :class:`~twin.diagnosis.next_stage.Stage`.
     light
         Share of the run's light.
+    stage
+        Number of the stage.
     """
 
     kind: str
     description: str
     rows: IntArray
     light: float = 1.0
+    stage: int = 0
 
     def joined(self, other: Scan) -> Scan:
         """One scan after the other."""
@@ -56,8 +59,9 @@ class Scan:
         return replace(self, description=text, rows=np.concatenate([self.rows, other.rows]))
 
 
-def scans(stage: Stage) -> list[Scan]:
-    """Every scan of one slice, or of one back and forth."""
+def scans(stages: Sequence[Stage]) -> list[Scan]:
+    """Every scan of one slice, or of one back and forth; the first stage holds the run's own points."""
+    stage, *others = stages
     run = stage.observation
     found: list[Scan] = []
     for rows in _slices(run, np.arange(stage.of_run)):
@@ -66,8 +70,11 @@ def scans(stage: Stage) -> list[Scan]:
     for rows in _slices(run, np.arange(stage.of_run, len(run))):
         light = run.columns["illumination_zenith"][rows[0]]
         kind = PLANE if np.any(np.abs(known - light) < 1e-6) else LIGHT
-        where = _where(run, rows)
-        found.append(Scan(kind, f"a slice at {where} ({_span(run, rows)})", rows))
+        found.append(Scan(kind, f"a slice at {_where(run, rows)} ({_span(run, rows)})", rows))
+    for number, other in enumerate(others, start=1):
+        for rows in _slices(other.observation, np.arange(len(other.observation))):
+            text = f"the {other.sample} at {_where(other.observation, rows)} ({_span(other.observation, rows)})"
+            found.append(Scan(other.sample, text, rows, stage=number))
     return found
 
 
@@ -80,7 +87,7 @@ def _slices(run: Observation, rows: IntArray) -> Iterator[IntArray]:
     plane = part.plane
     for number in range(int(plane.max()) + 1):
         chosen = order[plane[order] == number]
-        if len(chosen) >= FEWEST:
+        if len(chosen) >= LEAST_FOLLOWING:
             yield rows[chosen]
 
 

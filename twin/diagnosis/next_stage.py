@@ -15,6 +15,7 @@ from twin.diagnosis.covariance import INDEPENDENT
 from twin.diagnosis.joint import OF_A_MOUNTING, OF_A_RUN
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.responses import AnyResponse
+from twin.diagnosis.white_reference import prepare_white
 from twin.optics import COORDINATES
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from twin.diagnosis.preparation import Bench, Prepared
 
 IntArray = NDArray[np.int64]
+#: What may lie on the stage in place of the sample.
+WHITE = "white reference"
 #: Slack of the rule for points in the shadow of the detector head, degree.
 _SLACK = 1e-6
 
@@ -46,6 +49,8 @@ class Stage:
         Relative standard error of the prediction by the ray tracer.
     of_run
         How many of the points the run has read.
+    sample
+        What lies on the stage in place of the run's sample; empty for the sample itself.
     """
 
     observation: Observation
@@ -55,6 +60,7 @@ class Stage:
     unlabelled: FloatArray
     u_nominal: FloatArray
     of_run: int
+    sample: str = ""
 
     @classmethod
     def of(cls, prepared: Prepared, facility: Facility, of_run: int | None = None) -> Stage:
@@ -70,14 +76,23 @@ class Stage:
             len(problem.run) if of_run is None else of_run,
         )
 
-    def shared(self) -> FloatArray:
-        """Columns of the budget whose errors are the same in the run and in a scan after it, shape (point, column)."""
-        kept = [column for label, column in self.labelled.items() if not label.startswith(OF_A_RUN + OF_A_MOUNTING)]
-        return np.concatenate([*(column[:, None] for column in kept), self.unlabelled], axis=1)
+    @property
+    def shared_labels(self) -> tuple[str, ...]:
+        """Labels of the columns whose errors are the same in the run and in a scan after it."""
+        return tuple(label for label in self.labelled if not label.startswith(OF_A_RUN + OF_A_MOUNTING))
 
-    def own(self) -> FloatArray:
-        """Columns whose errors are drawn anew for every scan: reference reading and placement."""
-        kept = [column for label, column in self.labelled.items() if label.startswith(OF_A_RUN + OF_A_MOUNTING)]
+    def shared(self, labels: Sequence[str], width: int) -> FloatArray:
+        """Columns of these labels and so many unlabelled ones, zeros where there are none, shape (point, column)."""
+        nothing = np.zeros(len(self.observation))
+        columns = np.zeros((len(self.observation), len(labels) + width))
+        for number, label in enumerate(labels):
+            columns[:, number] = self.labelled.get(label, nothing)
+        columns[:, len(labels) : len(labels) + self.unlabelled.shape[1]] = self.unlabelled
+        return columns
+
+    def own(self, labels: Sequence[str]) -> FloatArray:
+        """Columns of all other labels: errors that are drawn anew for every scan, such as those of the placement."""
+        kept = [column for label, column in self.labelled.items() if label not in labels]
         return np.stack(kept, axis=1) if kept else np.zeros((len(self.observation), 0))
 
 
@@ -91,6 +106,21 @@ def wider(bench: Bench, run: Observation, columns: dict[str, FloatArray]) -> Sta
     """
     prepared = bench.prepare(extended(run, columns, bench))
     return Stage.of(prepared, bench.facility, len(run))
+
+
+def white_stage(bench: Bench, run: Observation) -> Stage:
+    """The white reference at the run's sensor directions, one illumination zenith; nothing is rendered."""
+    light = run.columns["illumination_zenith"]
+    values, counts = np.unique(np.round(light, 6), return_counts=True)
+    chosen = np.flatnonzero(np.abs(light - values[np.argmax(counts)]) < 1e-6)
+    some = run.take(chosen)
+    factor = bench.facility.reference.reflectance_factor
+    components = {name: u / some.brf * factor for name, u in some.components.items()}
+    brf = np.full(len(some), factor)
+    reading = replace(some, brf=brf, u_brf=some.u_brf / some.brf * factor, components=components, signal_v=None)
+    prepared = prepare_white(bench, reading)
+    found = Stage.of(prepared, bench.facility, 0)
+    return replace(found, unlabelled=np.zeros((len(some), 0)), sample=WHITE)
 
 
 def extended(run: Observation, columns: dict[str, FloatArray], bench: Bench) -> Observation:

@@ -18,6 +18,8 @@ from twin.optics import geometry_columns, sample_rotation
 
 #: Fewer points than this tell no effect from chance.
 LEAST_POINTS = 20
+#: The same of a scan that follows another run and is diagnosed with it.
+LEAST_FOLLOWING = 5
 #: Points of one plane at most so far apart in azimuth and illumination zenith, degree.
 _SAME_PLANE = 0.01
 _SHADOWED = 4
@@ -107,14 +109,19 @@ def _numbered(table: FloatArray) -> NDArray[np.int64]:
     return rank[np.ravel(inverse)]
 
 
-def read_observation(path: Path) -> Observation:
-    """Read a run file or run folder; errors as :func:`observe`."""
+def read_observation(path: Path, least: int = LEAST_POINTS) -> Observation:
+    """Read a run file or run folder; arguments and errors as :func:`observe`."""
     file = path / "run.nc" if path.is_dir() else path
-    return observe(read_run(file), str(path))
+    return observe(read_run(file), str(path), least)
 
 
-def observe(run: xr.Dataset, name: str) -> Observation:
+def observe(run: xr.Dataset, name: str, least: int = LEAST_POINTS) -> Observation:
     """What the diagnosis takes from a run.
+
+    Parameters
+    ----------
+    least
+        Usable points below which a run is refused: fewer for a scan that only follows another.
 
     Raises
     ------
@@ -128,8 +135,8 @@ def observe(run: xr.Dataset, name: str) -> Observation:
         shadowed = (run["quality_flag"].values.astype(int) & _SHADOWED) > 0
         usable &= ~shadowed
     rows = np.flatnonzero(usable)
-    if len(rows) < LEAST_POINTS:
-        raise InputError(f"{name}: found {len(rows)} usable points; expected at least {LEAST_POINTS} for a diagnosis")
+    if len(rows) < least:
+        raise InputError(f"{name}: found {len(rows)} usable points; expected at least {least} for a diagnosis")
     if len(rows) < run.sizes["point"]:
         notes.append(f"{run.sizes['point'] - len(rows)} points without a positive, unshadowed brf are left out")
     kept = run.isel(point=rows)
