@@ -66,6 +66,12 @@ def write_atomically(path: Path, content: bytes) -> None:
         part.write_bytes(content)
 
 
+def cache_folder() -> Path:
+    """``goniotwin`` in the user's folder for caches (XDG base directories)."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "goniotwin"
+
+
 def sync_folder(folder: Path) -> None:
     """Bring the names in a folder onto the disk."""
     descriptor = os.open(folder, os.O_RDONLY)

@@ -11,7 +11,7 @@ Json = Annotated[Path | None, typer.Option("--json", help="Write the same for pr
 
 
 def list_runs(
-    folder: Annotated[Path, typer.Argument(help="Folder that holds run folders.")] = Path("runs"),
+    folder: Annotated[str, typer.Argument(help="Folder that holds run folders; or its URL.")] = "runs",
     plan: Annotated[str, typer.Option(help="Part of the plan's title.", show_default=False)] = "",
     sample: Annotated[str, typer.Option(help="Part of the sample's name.", show_default=False)] = "",
     operator: Annotated[str, typer.Option(help="Part of the operator's name.", show_default=False)] = "",
@@ -35,6 +35,7 @@ def list_runs(
 
     from instrument.catalogue.search import Query, condition, moment
     from instrument.catalogue.store import Catalogue
+    from instrument.exchange.stores import brought_overviews
     from instrument.output import write_json
     from instrument.run_report import overview_table
 
@@ -50,7 +51,7 @@ def list_runs(
         wavelength=wavelength,
         conditions=[condition(text) for text in where or []],
     )
-    rows = Catalogue(folder).search(query, rebuild=rebuild)
+    rows = Catalogue(brought_overviews(folder)).search(query, rebuild=rebuild)
     nothing = f"{folder}: no runs" + ("" if query == Query() else " that the search holds for")
     Console(highlight=False).print(overview_table(rows) if rows else nothing)
     if json_file is not None:
@@ -58,34 +59,36 @@ def list_runs(
 
 
 def show(
-    run: Annotated[Path, typer.Argument(help="A run folder, or a run file (.nc, .csv).", show_default=False)],
+    run: Annotated[str, typer.Argument(help="A run folder or run file (.nc, .csv); or its URL.", show_default=False)],
     json_file: Json = None,
 ) -> None:
     """Show one run: what was measured, by plane, what is missing, what the file cannot support."""
     from rich.console import Console
 
+    from instrument.exchange.stores import brought
     from instrument.output import write_json
     from instrument.run_report import print_run, run_summary
 
-    summary = run_summary(run)
+    summary = run_summary(brought(run)) | {"source": run}
     print_run(summary, Console(highlight=False))
     if json_file is not None:
         write_json(json_file, summary)
 
 
 def verify(
-    folder: Annotated[Path, typer.Argument(help="A run folder.", show_default=False)],
+    folder: Annotated[str, typer.Argument(help="A run folder; or its URL.", show_default=False)],
     json_file: Json = None,
 ) -> None:
     """Check a run folder against its journal; exit status 1 when anything is not as it was measured."""
     from rich.console import Console
 
     from instrument.errors import EXIT_INCOMPLETE
+    from instrument.exchange.stores import brought
     from instrument.output import write_json
     from instrument.run_archive import verify as verify_folder
     from instrument.run_report import verification_table
 
-    result = verify_folder(folder)
+    result = verify_folder(brought(folder))
     Console(highlight=False).print(verification_table(result))
     if json_file is not None:
         write_json(json_file, result.as_dict())

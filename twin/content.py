@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,12 @@ import xarray as xr
 from pydantic import BaseModel
 
 from instrument.facility import Beam
+from instrument.files import cache_folder
+
+__all__ = ["cache_folder", "content_digest"]
 
 #: Where something comes from and what it is called: no part of the content.
 _LABELS = {"name", "source", "notes"}
-
-
-def cache_folder() -> Path:
-    """``goniotwin`` in the user's folder for caches (XDG base directories)."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "goniotwin"
 
 
 def content_digest(*parts: Any) -> str:

@@ -14,8 +14,10 @@ if TYPE_CHECKING:
 
 
 def compare_pair(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A run folder or run file.", show_default=False)],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", show_default=False)],
+    first: Annotated[
+        str, typer.Argument(metavar="A", help="A run folder or run file; or its URL.", show_default=False)
+    ],
+    second: Annotated[str, typer.Argument(metavar="B", help="Another one.", show_default=False)],
     shared: Annotated[
         list[str] | None,
         typer.Option(help="A component (reference, sensor_zenith, ...) whose error both have.", show_default=False),
@@ -28,13 +30,14 @@ def compare_pair(
     """Compare two runs of one sample: ratio of B to A at every common geometry, its uncertainty, agreement."""
     from rich.console import Console
 
+    from instrument.exchange.stores import brought
     from instrument.output import check_writable, write_json
     from instrument.quality.run_files import named_runs
     from twin.run_pair import compare_runs
 
     if json_file is not None:
         check_writable(json_file)
-    a, b = named_runs([first, second]).values()
+    a, b = named_runs([brought(first), brought(second)]).values()
     found = compare_runs(a, b, shared=shared or (), independent=independent or ())
     console = Console(highlight=False)
     console.print(planes_table(found))

@@ -80,9 +80,11 @@ class Entry:
     completeness: float | None = None
     probability: float | None = None
 
-    def as_dict(self, folder: Path) -> dict[str, Any]:
-        """For ``--json``; ``folder`` is that of the catalogue."""
-        return {"folder": str(folder / self.name)} | {k: v for k, v in asdict(self).items() if v is not None}
+    def as_dict(self, folder: str) -> dict[str, Any]:
+        """For ``--json``; ``folder`` is what a person named: the folder of the catalogue, or its URL."""
+        return {"folder": f"{folder.rstrip('/')}/{self.name}"} | {
+            k: v for k, v in asdict(self).items() if v is not None
+        }
 
 
 COLUMNS = tuple(field.name for field in fields(Entry))

@@ -7,20 +7,13 @@ from typing import Annotated
 
 import typer
 
-Run = Annotated[
-    Path, typer.Argument(metavar="RUN", help="A run folder, or a run file (.nc, .csv).", show_default=False)
-]
+Run = Annotated[str, typer.Argument(metavar="RUN", help="A run folder or run file; or its URL.", show_default=False)]
 Out = Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.", show_default=False)]
 Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
 
 
 def bird(
-    run: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RUN", help="A run folder or file; with --prediction, a prediction.", show_default=False
-        ),
-    ],
+    run: Run,
     out: Out,
     metadata: Annotated[
         Path | None,
@@ -28,21 +21,25 @@ def bird(
             help="TOML of what people know: institute, address, sample (docs/exchange.md).", show_default=False
         ),
     ] = None,
-    prediction: Annotated[bool, typer.Option("--prediction", help="Write the twin's prediction instead.")] = False,
+    prediction: Annotated[
+        bool, typer.Option("--prediction", help="RUN is a prediction, or the one in a folder.")
+    ] = False,
     force: Force = False,
 ) -> None:
     """Write a run in the universal BRDF data format 1.0 (JSON, DOI 10.1002/col.22790)."""
     from instrument.exchange.bird_write import bird_document, read_metadata, unstated
+    from instrument.exchange.stores import brought
     from instrument.output import check_new, write_json
     from instrument.quality.run_files import run_of
     from instrument.run_read import read_prediction
 
     check_new(out, force)
+    source = brought(run)
     if prediction:
-        source = run / "prediction.nc" if run.is_dir() else run
+        source = source / "prediction.nc" if source.is_dir() else source
         dataset = read_prediction(source)
     else:
-        source, dataset = run, run_of(run)
+        dataset = run_of(source)
     known = None if metadata is None else read_metadata(metadata)
     document = bird_document(dataset, str(source), simulated=prediction, metadata=known)
     write_json(out, document)
@@ -55,6 +52,7 @@ def bird(
 def csv(run: Run, out: Out, force: Force = False) -> None:
     """Write a run as a table, one row a point; the readings of the reference have no place in it."""
     from instrument.errors import InputError
+    from instrument.exchange.stores import brought
     from instrument.output import check_new
     from instrument.quality.run_files import run_of
     from instrument.run_write import write_run
@@ -62,14 +60,14 @@ def csv(run: Run, out: Out, force: Force = False) -> None:
     check_new(out, force)
     if out.suffix.lower() != ".csv":
         raise InputError(f"{out}: expected a name that ends in .csv")
-    dataset = run_of(run)
+    dataset = run_of(brought(run))
     write_run(dataset, out)
     typer.echo(f"written: {out}, {dataset.sizes['point']} points")
 
 
 def import_file(
     file: Annotated[
-        Path,
+        str,
         typer.Argument(metavar="FILE", help="Universal BRDF (.json, .brdf), table or netCDF file.", show_default=False),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The run file to write: .nc or .csv.", show_default=False)],
@@ -87,12 +85,13 @@ def import_file(
 ) -> None:
     """Read a measurement in a form of others, and write it as a run file."""
     from instrument.exchange.importing import import_any
+    from instrument.exchange.stores import brought
     from instrument.output import check_new
     from instrument.run_read import capabilities
     from instrument.run_write import write_run
 
     check_new(out, force)
-    found = import_any(file, columns, wavelength=wavelength, u_relative=u_relative)
+    found = import_any(brought(file), columns, wavelength=wavelength, u_relative=u_relative)
     write_run(found.run, out)
     typer.echo(f"written: {out}, {found.run.sizes['point']} points")
     for sentence in (*found.notes, *capabilities(found.run)):

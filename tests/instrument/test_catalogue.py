@@ -1,7 +1,6 @@
 """The catalogue says what the folders say, remembers it, finds runs, and is never the only one to know."""
 
 import json
-import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -191,7 +190,7 @@ def test_the_command_lists_what_a_search_finds(data: Path, capsys: pytest.Captur
     out = data.parent / "found.json"
     words = ("--sample", "plate", "--since", "2026-03-01", "--where", "relative_rmse<0.03", "--json", out)
     assert status("runs", "list", data, *words) == 0
-    assert [run["folder"] for run in json.loads(out.read_text())] == [os.fspath(data / "first")]
+    assert [run["folder"] for run in json.loads(out.read_text())] == [f"{data}/first"]
     assert "2.10" in capsys.readouterr().out
     assert status("runs", "list", data, "--state", "halted") == 0
     assert "that the search holds for" in capsys.readouterr().out

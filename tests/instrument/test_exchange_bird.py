@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from example_runs import four_points, minimal_run, status
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from instrument.dataset import read_run, rebuild_run, write_run
@@ -63,6 +63,7 @@ ROW = st.tuples(
 )
 
 
+@settings(max_examples=25)
 @given(st.lists(ROW, min_size=1, max_size=6))
 def test_geometry_values_and_uncertainties_come_back(rows: list[tuple[float, ...]]) -> None:
     run = run_of(rows)
@@ -74,6 +75,7 @@ def test_geometry_values_and_uncertainties_come_back(rows: list[tuple[float, ...
         np.testing.assert_allclose(back[name], run[name], rtol=1e-14)
 
 
+@settings(max_examples=25)
 @given(st.lists(ROW, min_size=1, max_size=6))
 def test_angles_keep_to_the_ranges_of_the_format(rows: list[tuple[float, ...]]) -> None:
     data = bird_document(run_of(rows), "run.nc")["data"]
