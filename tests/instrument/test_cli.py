@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,43 +19,46 @@ from instrument.errors import InputError, SafetyError
 HEAVY = ("numpy", "xarray", "rich.console", "scipy", "mitsuba", "PySide6", "pyvista", "pymodbus", "matplotlib")
 
 
-def light(*words: str) -> tuple[int, str]:
-    """Exit status and output of the command in a process of its own, in which nothing heavy was imported."""
+USAGE: dict[str, int] = {
+    "--help": 0,
+    "--version": 0,
+    "": 2,
+    "nonsense": 2,
+    "scan --help": 0,
+    "scan --speed fast": 2,
+    "scan --nonsense": 2,
+    "scan a b": 2,
+    "runs": 2,
+    "runs nonsense": 2,
+}
+
+
+@pytest.fixture(scope="module")
+def answers() -> dict[str, tuple[int, list[str]]]:
+    """Exit status of every such command line, and what heavy it has imported, one after the other in one process."""
     code = (
-        "import sys\n"
+        "import json, sys\n"
         "from instrument.__main__ import main\n"
-        "try:\n    status = main(sys.argv[1:])\n"
-        "except SystemExit as end:\n    status = end.code\n"
-        f"heavy = [name for name in {HEAVY!r} if name in sys.modules]\n"
-        "print('\\n@', status, ','.join(heavy) or '-')\n"
+        "seen, told = set(), {}\n"
+        "for words in json.loads(sys.argv[1]):\n"
+        "    try:\n        status = main(words.split())\n"
+        "    except SystemExit as end:\n        status = end.code\n"
+        f"    heavy = [name for name in {HEAVY!r} if name in sys.modules and name not in seen]\n"
+        "    seen.update(heavy)\n"
+        "    told[words] = [status, heavy]\n"
+        "print('\\n@', json.dumps(told))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=True, timeout=60.0
+        [sys.executable, "-c", code, json.dumps(list(USAGE))], capture_output=True, text=True, check=True, timeout=60.0
     )
-    text, _, tail = done.stdout.rpartition("@")
-    status, heavy = tail.split()
-    assert heavy == "-", f"{heavy} was imported for {' '.join(words) or 'help'}"
-    return int(status), text + done.stderr
+    return {words: (status, heavy) for words, (status, heavy) in json.loads(done.stdout.rpartition("@")[2]).items()}
 
 
-@pytest.mark.parametrize(
-    ("words", "status"),
-    [
-        (["--help"], 0),
-        (["--version"], 0),
-        ([], 2),
-        (["nonsense"], 2),
-        (["scan", "--help"], 0),
-        (["scan", "--speed", "fast"], 2),
-        (["scan", "--nonsense"], 2),
-        (["scan", "a", "b"], 2),
-        (["runs"], 2),
-        (["runs", "nonsense"], 2),
-    ],
-)
-def test_help_and_usage_errors_answer_without_anything_heavy(words: list[str], status: int) -> None:
-    found, _ = light(*words)
-    assert found == status
+@pytest.mark.parametrize(("words", "status"), USAGE.items())
+def test_help_and_usage_errors_answer_without_anything_heavy(
+    answers: dict[str, tuple[int, list[str]]], words: str, status: int
+) -> None:
+    assert answers[words] == (status, [])
 
 
 def test_help_lists_every_registered_command_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:
