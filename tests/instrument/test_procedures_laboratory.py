@@ -5,6 +5,7 @@ Sizes of the faults are what the laboratory was told; the procedures know nothin
 
 from __future__ import annotations
 
+import signal
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -15,7 +16,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import DeviceError
-from instrument.control import AbortAsked
+from instrument.control import AbortAsked, HaltAsked
 from instrument.errors import InputError
 from instrument.procedures.alignment import STEPS, alignment
 from instrument.procedures.control_sample import control_sample, name_of
@@ -203,6 +204,32 @@ def test_a_procedure_can_be_aborted_while_it_waits_for_a_person(laboratory):
 
     with pytest.raises(AbortAsked, match="a test"):
         aborted()
+    assert_safe(laboratory)
+
+
+@pytest.mark.parametrize(("number", "end"), [(signal.SIGQUIT, HaltAsked), (signal.SIGTERM, AbortAsked)])
+def test_an_arm_under_way_is_stopped_as_a_procedure_is_halted_or_ended(laboratory, number: int, end: type[Exception]):
+    under_way = []
+
+    def ended() -> None:
+        with open_room(REQUEST, laboratory=laboratory) as room:
+            room.home()
+            room.light()
+            laboratory.control("stall", axis="sensor_zenith")  # it moves until it is stopped
+            axis: Any = room.laboratory.sensor_zenith
+            start_move = axis.start_move
+
+            def start_and_signal(target: float) -> None:
+                start_move(target)
+                under_way.append(laboratory.control("state")["axes"]["sensor_zenith"]["moving"])
+                signal.raise_signal(number)
+
+            axis.start_move = start_and_signal
+            room.go(0.0, 50.0, 90.0, 500.0)
+
+    with pytest.raises(end):
+        ended()
+    assert under_way == [True]
     assert_safe(laboratory)
 
 
