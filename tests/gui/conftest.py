@@ -1,4 +1,4 @@
-"""Windows of these tests are drawn into memory; no screen is needed."""
+"""Windows of these tests are drawn into memory; no screen is needed. The variable names another platform of Qt."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SCREEN = {"name": "test", "x": 0, "y": 0, "width": 1920, "height": 1200, "logic
 _screens = Path(tempfile.mkdtemp(prefix="goniotwin-screen-")) / "screens.json"
 _screens.write_text(json.dumps({"screens": [_SCREEN]}))
 atexit.register(shutil.rmtree, _screens.parent, ignore_errors=True)
-os.environ["QT_QPA_PLATFORM"] = f"offscreen:configfile={_screens}"
+os.environ["QT_QPA_PLATFORM"] = os.environ.get("GONIOTWIN_TEST_PLATFORM", f"offscreen:configfile={_screens}")
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,76 @@
+"""The window on a real X server: the same tests as offscreen, a few of them, in a process of their own."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(300),
+    pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed; .ci/run installs it where it can"),
+]
+HERE = Path(__file__).parent
+#: A scan with a pause by key, the emergency stop under an open question, prompts, the layout of last time, whole texts.
+CHOSEN = (
+    "test_live_window.py::test_a_scan_is_started_paused_resumed_and_finished",
+    "test_window.py::test_abort_asks_first_and_halt_does_not",
+    "test_window.py::test_layout_and_palette_are_remembered",
+    "test_window.py::test_no_label_is_cut_off",
+    "test_procedures_in_the_window.py::test_a_number_is_checked_while_it_is_typed_and_answered_by_key",
+)
+SHOWN = """
+import sys
+from PySide6.QtCore import QSettings, QTimer
+from gui.application import start_application
+from gui.window import MainWindow
+application = start_application()
+window = MainWindow(None, QSettings("/dev/null", QSettings.Format.IniFormat))
+window.show()
+def look():
+    print(application.platformName(), window.windowHandle().isExposed(), application.primaryScreen().size().width())
+    print(application.primaryScreen().grabWindow(0).toImage().pixelColor(600, 400).name(), window.desk.theme.surface)
+    application.exit(0)
+QTimer.singleShot(1500, look)
+application.exec()
+"""
+
+
+@pytest.fixture
+def display() -> Iterator[str]:
+    """A screen of its own, of a number that is free."""
+    reading, writing = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1600x1100x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(writing)
+    with os.fdopen(reading) as numbers:
+        number = numbers.readline().strip()
+    assert number, "Xvfb does not start"
+    yield f":{number}"
+    server.terminate()
+    server.wait(30)
+
+
+def on(display: str, *command: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"DISPLAY": display, "QT_QPA_PLATFORM": "xcb", "GONIOTWIN_TEST_PLATFORM": "xcb"}
+    return subprocess.run(
+        [sys.executable, *command], capture_output=True, text=True, env=environment, cwd=HERE, timeout=280, check=False
+    )
+
+
+def test_the_window_stands_on_the_screen_and_is_steered_there(display: str) -> None:
+    shown = on(display, "-c", SHOWN)
+    assert shown.returncode == 0, shown.stderr
+    platform, pixel = shown.stdout.splitlines()
+    assert platform == "xcb True 1600"
+    assert pixel.split()[0] != "#000000"  # the X server's own ground
+    done = on(display, "-m", "pytest", "-n0", "-q", "-m", "slow or not slow", "-p", "no:cacheprovider", *CHOSEN)
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert re.search(rf"\b{len(CHOSEN)} passed", done.stdout)
