@@ -29,7 +29,9 @@ from twin.optics import (
     sample_columns,
     sample_rotation,
 )
+from twin.pooled_variance import expected, nothing_expected
 from twin.prepared import Prepared
+from twin.repetitions import no_repetitions, repetitions
 from twin.sampling_plan import (
     Block,
     Tally,
@@ -37,9 +39,6 @@ from twin.sampling_plan import (
     pilot,
     planned,
     power_of_two,
-    repeated,
-    repetitions,
-    total_and_error,
 )
 from twin.sequence import mix_numpy
 from twin.tracer import RANDOMISATIONS, SHARE, Mixture, Part, Tracer
@@ -171,19 +170,16 @@ class Twin:
             total = power_of_two(samples / RANDOMISATIONS)
             numbers = {part: max(1, total // SHARE[part]) for part in Part}
             main = self._trace(prepared, fixed(points, numbers), seed)
-            repeats = np.ones_like(main.done)
+            repeats = no_repetitions(main, nothing_expected(points))
         else:
             assert standard_error is not None
             seen = self._trace(prepared, pilot(points, standard_error), _other_seed(seed, _PILOT))
             main = self._trace(prepared, planned(seen, standard_error), seed)
-            repeats = repetitions(main, standard_error)
-        means = main.means()
-        for k in range(1, int(repeats.max(initial=1))):
-            again = self._trace(prepared, repeated(main, repeats, k), _other_seed(seed, k))
-            means = np.where(repeats > k, means + (again.means() - means) / (k + 1), means)
-        radiance, spread = total_and_error(means, main.variances() / repeats)
+            repeats = repetitions(main, expected(seen, main), standard_error)
+        again = self._trace(prepared, repeats.blocks(), _other_seed(seed, 1))
+        radiance, spread = repeats.result(again)
         brf = radiance * scale
-        traced = (main.done * repeats)[[Part.REFLECTED_ONCE, Part.SCATTERED]].sum(axis=0)
+        traced = (main.done + again.done)[[Part.REFLECTED_ONCE, Part.SCATTERED]].sum(axis=0)
         return Estimate(brf, np.hypot(spread * scale, _SINGLE_PRECISION * brf), traced * RANDOMISATIONS)
 
     def _trace(self, prepared: Prepared, blocks: Iterable[Block], seed: int) -> Tally:

@@ -4,13 +4,16 @@ Numbers are never chosen by the values that enter the mean. A sequence that is s
 states too small an error (12 % too small with 8 randomisations), and errs to the low side where values are skewed.
 
 1. A pilot with random numbers of its own estimates the variance of every part (:class:`~twin.tracer.Part`) of every
-   geometry. It is used for nothing else.
+   geometry.
 2. The numbers of sight lines follow from the pilot, spent where the error falls most for the time.
-3. Where the error of that main run is larger than wanted, whole repetitions of a part with other random numbers are
-   averaged with it. The stated error then is the main run's over the root of the number of repetitions, whatever
-   those scatter: after Stein ("A two-sample test for a linear hypothesis whose power is independent of the
+3. Where the error of that main run is larger than wanted, repetitions of a part with other random numbers are averaged
+   with it (:mod:`twin.repetitions`). The stated error then is the main run's times what their number leaves of it,
+   whatever those scatter: after Stein ("A two-sample test for a linear hypothesis whose power is independent of the
    variance", Ann. Math. Statist. 16, 1945) the deviation over the stated error keeps the distribution that it has
    without repetitions, because mean and scatter of normal values are independent.
+
+The stated error rests on the main run's scatter and, in a plan of many geometries, on the pilot's
+(:mod:`twin.pooled_variance`), whose values are not part of the mean.
 """
 
 from __future__ import annotations
@@ -29,16 +32,15 @@ IntArray = NDArray[np.int64]
 _PILOT = {Part.PLATE_TOP: 128, Part.REFLECTED_ONCE: 128, Part.SCATTERED: 64}
 #: Least number in the pilot.
 _LEAST_PILOT = 32
-#: Least numbers: of fewer the means are skewed. Then high ones scatter more, are repeated more often, and so lowered:
-#: the mean of such predictions is low, by a fifth of a wanted error of 5 % in a white cavity with 32.
+#: Least numbers: of fewer the means are so skewed that their scatter states too small an error where they are low.
 _LEAST = {Part.PLATE_TOP: 32, Part.REFLECTED_ONCE: 64, Part.SCATTERED: 256}
 #: CPU time of a sight line in microseconds on one core of 2.5 GHz: only the ratios matter.
-_COST = {Part.PLATE_TOP: 0.11, Part.REFLECTED_ONCE: 0.27, Part.SCATTERED: 0.8}
+COST = {Part.PLATE_TOP: 0.11, Part.REFLECTED_ONCE: 0.28, Part.SCATTERED: 0.75}
 #: The error of a part falls with this power of its sight lines.
-_RATE = {Part.PLATE_TOP: 0.75, Part.REFLECTED_ONCE: 0.68, Part.SCATTERED: 0.5}
+RATE = {Part.PLATE_TOP: 0.82, Part.REFLECTED_ONCE: 0.68, Part.SCATTERED: 0.57}
 #: The main run aims at this part of the wanted error: with less, fewer geometries need repetitions.
-_AIM = 0.95
-_LIMIT, _MOST_REPEATS = 2**20, 64
+_AIM = 0.93
+LIMIT = 2**20
 _MOST_STEPS = 60
 
 
@@ -77,24 +79,29 @@ class Tally:
         return np.asarray(self.values().var(axis=-1, ddof=1) / RANDOMISATIONS)
 
 
-def total_and_error(means: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+def total_and_error(
+    means: FloatArray, variances: FloatArray, degrees: FloatArray | float = RANDOMISATIONS - 1
+) -> tuple[FloatArray, FloatArray]:
     """The whole reading and its standard uncertainty, shape (point,) each.
 
     Parameters
     ----------
     means, variances, shape (part, point)
-        Of independent parts, each variance from the scatter of :data:`~twin.tracer.RANDOMISATIONS` values.
+        Of independent parts.
+    degrees, shape (part,)
+        Of freedom of the variances.
 
     Notes
     -----
-    The degrees of freedom are Welch and Satterthwaite's (GUM G.4.1); the standard deviation of Student's t is
-    sqrt(nu/(nu - 2)) times the standard error (GUM Supplement 1, 6.4.9).
+    The degrees of freedom of the sum are Welch and Satterthwaite's (GUM G.4.1); the standard deviation of Student's t
+    is sqrt(nu/(nu - 2)) times the standard error (GUM Supplement 1, 6.4.9).
     """
     variance = variances.sum(axis=0)
-    degrees = (RANDOMISATIONS - 1) * np.divide(
-        variance**2, np.sum(variances**2, axis=0), out=np.ones_like(variance), where=variance > 0
+    each = np.broadcast_to(degrees, len(variances))[:, None]
+    whole = np.divide(
+        variance**2, np.sum(variances**2 / each, axis=0), out=np.full_like(variance, 3.0), where=variance > 0
     )
-    return np.asarray(means.sum(axis=0)), np.sqrt(variance * degrees / (degrees - 2))
+    return np.asarray(means.sum(axis=0)), np.sqrt(variance * whole / (whole - 2))
 
 
 def fixed(points: int, samples: dict[Part, int]) -> Iterator[Block]:
@@ -114,36 +121,12 @@ def planned(seen: Tally, standard_error: float) -> Iterator[Block]:
     """The main run's blocks, from what the pilot has seen."""
     wanted = _wanted(seen, standard_error)
     for part in Part:
-        yield from _blocks(part, np.zeros_like(wanted[part]), wanted[part])
-
-
-def repetitions(main: Tally, standard_error: float) -> IntArray:
-    """How often each part should run in all, shape (part, point)."""
-    means, variances = main.means(), main.variances()
-    repeats = np.ones(main.done.shape, dtype=np.int64)
-    # The mean moves by about its error when repetitions join it.
-    target = standard_error * (1 - min(0.5, standard_error)) * means.sum(axis=0)
-    cost = np.array([_COST[part] for part in Part])[:, None] * main.done
-    while True:
-        error = total_and_error(means, variances / repeats)[1]
-        gain = variances / (repeats * (repeats + 1.0)) / np.maximum(cost, 1e-9)
-        short = (error > target) & (target > 0) & (repeats.max(axis=0) < _MOST_REPEATS)
-        if not np.any(short):
-            return repeats
-        where = np.flatnonzero(short)
-        repeats[np.argmax(gain[:, where], axis=0), where] += 1
-
-
-def repeated(main: Tally, repeats: IntArray, round_: int) -> Iterator[Block]:
-    """Blocks of one round (counted from 1) of repetitions, each as long as the main run."""
-    for part in Part:
-        wanted = np.where(repeats[part] > round_, main.done[part], 0)
-        yield from _blocks(part, np.zeros_like(wanted), wanted)
+        yield from blocks(part, np.zeros_like(wanted[part]), wanted[part])
 
 
 def power_of_two(number: float, least: int = 1) -> int:
     """The power of two not below a number, within the limits."""
-    return min(_LIMIT, max(least, 1 << max(0, int(np.ceil(np.log2(max(number, 1.0)))))))
+    return min(LIMIT, max(least, 1 << max(0, int(np.ceil(np.log2(max(number, 1.0)))))))
 
 
 def _wanted(seen: Tally, standard_error: float) -> IntArray:
@@ -153,14 +136,14 @@ def _wanted(seen: Tally, standard_error: float) -> IntArray:
     # In proportion to the whole error, Student's factor included.
     whole = variances.sum(axis=0)
     variances = variances * np.divide(error**2, whole, out=np.zeros_like(whole), where=whole > 0)
-    least, cost, rate = (np.array([table[part] for part in Part])[:, None] for table in (_LEAST, _COST, _RATE))
+    least, cost, rate = (np.array([table[part] for part in Part])[:, None] for table in (_LEAST, COST, RATE))
     number = np.broadcast_to(least, variances.shape).astype(np.int64)
     goal = (_AIM * standard_error * total) ** 2
     for _ in range(_MOST_STEPS):
         now = variances * (seen.done / number) ** (2 * rate)
         following = next_number(number)
         gain = now * (1 - (number / following) ** (2 * rate)) / (cost * (following - number))
-        gain = np.where(following > _LIMIT, 0.0, gain)
+        gain = np.where(following > LIMIT, 0.0, gain)
         step = (total > 0) & (np.sum(now, axis=0) > goal) & (np.max(gain, axis=0) > 0)
         if not np.any(step):
             break
@@ -176,7 +159,7 @@ def next_number(number: IntArray) -> IntArray:
     return np.asarray(number + np.where(lowest == number, np.maximum(number // 2, 1), lowest))
 
 
-def _blocks(part: Part, done: IntArray, wanted: IntArray) -> Iterator[Block]:
+def blocks(part: Part, done: IntArray, wanted: IntArray) -> Iterator[Block]:
     """Cut what is wanted into blocks that start at a multiple of their length, a power of two."""
     while np.any(wanted > done):
         lowest = done & -done

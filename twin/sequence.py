@@ -116,6 +116,8 @@ class Points:
     def coordinate(self, index: Any, dimension: Any, seed: Any, active: Any) -> Any:
         """Coordinate in [0, 1) of point ``index`` (below 2**24); a dimension past the last is pseudo-random."""
         mi, dr = self._mi, self._dr
+        if isinstance(dimension, int) and dimension == 0:  # the bits of the index themselves
+            return to_unit(mi, dr.brev(scramble(mi.UInt32(index), mix(seed))))
         dimension = mi.UInt32(dimension)
         inside = dimension < DIMENSIONS
         base = dr.minimum(dimension, DIMENSIONS - 1) * (256 * _BYTES)
