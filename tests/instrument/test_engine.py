@@ -1,4 +1,4 @@
-"""The scan engine on hand-written devices: what is measured, what is marked, and how every scan ends."""
+"""The scan engine on hand-written devices: what is measured, how it is told, and what is refused at the start."""
 
 from __future__ import annotations
 
@@ -11,14 +11,11 @@ from fake_bench import Bench
 from scan_stage import FACILITY, QUICK, plan_of, stage
 
 from drivers.clock import Clock
-from drivers.errors import CommunicationError, DeviceFault
 from drivers.interfaces import AxisLimits
 from instrument.dataset import read_run
-from instrument.engine import InstrumentFaulty
 from instrument.errors import InputError, SafetyError
-from instrument.events import Message, PointMeasured, PointSkipped, PointStarted, ScanStarted, StateChanged
+from instrument.events import Message, PointMeasured, PointSkipped, PointStarted, StateChanged
 from instrument.lambertian import lambertian_flux
-from instrument.light import LightLost
 from instrument.states import TRANSITIONS, State
 
 
@@ -102,87 +99,6 @@ def test_a_point_is_in_the_journal_before_it_is_announced(tmp_path: Path) -> Non
     assert found == [True, True, True]
 
 
-@pytest.mark.parametrize("fate", ["lost_taken", "lost_dropped"])
-def test_a_lost_reply_to_a_move_costs_no_point(tmp_path: Path, fate: str) -> None:
-    s = stage(tmp_path)
-    s.bench.axes["sensor_zenith"].script.extend(["ok", fate])
-    end = s.run()
-    assert (end.outcome, end.done) == ("finished", 3)
-    assert s.bench.wrong == []
-    notes = [r["text"] for r in s.journal().others if r["kind"] == "note"]
-    assert any("the reply to the command was lost" in note for note in notes)
-
-
-@pytest.mark.parametrize("fate", ["ignored", "hangs"])
-def test_an_axis_that_does_not_start_gets_one_new_command(tmp_path: Path, fate: str) -> None:
-    s = stage(tmp_path)
-    axis = s.bench.axes["sensor_zenith"]
-    axis.script.extend(["ok", "ok", fate])
-    end = s.run()
-    assert (end.outcome, end.done) == ("finished", 3)
-    assert axis.commands.count(20.0) == 2
-    assert any("one new command is sent" in e.text for e in s.events(Message))
-
-
-def test_an_axis_that_stalls_half_way_gets_no_new_command_and_its_point_is_marked(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    axis = s.bench.axes["sensor_zenith"]
-    axis.script.extend(["ok", "ok", "half"])
-    end = s.run()
-    assert (end.outcome, end.done, end.total) == ("finished", 2, 3)
-    assert axis.commands.count(20.0) == 1
-    (skipped,) = s.events(PointSkipped)
-    assert skipped.index == 1
-    assert "stands still at 25" in skipped.reason
-    assert set(s.journal().skipped) == {1}
-    assert "1 of 3 points" in end.reason
-
-
-def test_an_axis_that_never_moves_again_ends_the_scan_honestly(tmp_path: Path) -> None:
-    plan = plan_of(zenith=tuple(float(z) for z in range(70, 9, -10)))
-    s = stage(tmp_path, plan)
-    axis = s.bench.axes["sensor_zenith"]
-    s.when(lambda e: isinstance(e, PointMeasured) and e.index == 1, lambda: setattr(axis, "always", "ignored"))
-    end = s.run()
-    assert end.outcome == "faulted"
-    assert isinstance(s.engine.error, InstrumentFaulty)
-    journal = s.journal()
-    ended = journal.others[-2]
-    assert ended["kind"] == "ended"
-    assert len(journal.skipped) == 3
-    accounted = sorted([*journal.points, *journal.skipped, *ended["not_reached"]])
-    assert accounted == list(range(7))
-    assert s.bench.safe
-
-
-def test_an_alarm_ends_the_scan_and_the_rest_is_resumed_later(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.bench.axes["sensor_zenith"].script.extend(["ok", "ok", "alarm"])
-    end = s.run()
-    assert end.outcome == "faulted"
-    assert isinstance(s.engine.error, DeviceFault)
-    assert "overload (30h)" in end.reason
-    again = stage(tmp_path)
-    end = again.run()
-    assert (end.outcome, end.done) == ("finished", 3)
-    assert measured(again) == [1, 2]
-    assert again.events(ScanStarted)[0].done == (0,)
-    assert again.bench.log.count("mount reference") == 0
-    assert sorted(again.journal().points) == [0, 1, 2]
-    assert len(again.journal().references) == 4
-
-
-def test_a_point_marked_before_is_tried_again_on_resumption(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.bench.axes["sensor_zenith"].script.extend(["ok", "ok", "half"])
-    s.run()
-    again = stage(tmp_path)
-    end = again.run()
-    assert measured(again) == [1]
-    assert (end.outcome, end.done) == ("finished", 3)
-    assert again.journal().skipped == {}
-
-
 def test_resuming_a_complete_run_touches_no_device(tmp_path: Path) -> None:
     stage(tmp_path).run()
     again = stage(tmp_path, run_file=True)
@@ -191,113 +107,6 @@ def test_resuming_a_complete_run_touches_no_device(tmp_path: Path) -> None:
     assert (tmp_path / "run.nc").exists()
     assert again.bench.log == []
     assert again.bench.detector.bursts == 0
-
-
-def test_a_lost_reading_is_asked_for_again_and_flagged(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 1, lambda: setattr(s.bench.detector, "lost_replies", 1))
-    end = s.run()
-    assert end.done == 3
-    assert [event.quality_flag for event in s.events(PointMeasured)].count(8) == 1
-
-
-def test_a_mute_meter_costs_time_and_no_point(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 1, lambda: setattr(s.bench.detector, "lost_replies", 3))
-    end = s.run()
-    assert (end.outcome, end.done) == ("finished", 3)
-    assert s.events(PointSkipped) == []
-
-
-def test_an_opened_interlock_suspends_the_scan_until_a_person_resumes_it(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 1, lambda: s.bench.source.trip("interlock open: door"))
-    dark = []
-
-    def back() -> None:
-        dark.append((s.bench.source.on, s.bench.shutter.opened))
-        s.bench.source.trouble = ""
-        s.engine.resume()
-
-    s.when(lambda e: isinstance(e, StateChanged) and e.new == "suspended", back)
-    end = s.run()
-    assert (end.outcome, end.done) == ("finished", 3)
-    assert dark == [(False, False)]
-    assert any("interlock open: door" in e.text for e in s.events(Message))
-
-
-def test_a_suspension_that_nobody_ends_becomes_a_fault(tmp_path: Path) -> None:
-    s = stage(tmp_path, settings=QUICK.model_copy(update={"suspend_limit_wall": 0.2}))
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 1, lambda: s.bench.source.trip("interlock open"))
-    end = s.run()
-    assert end.outcome == "faulted"
-    assert isinstance(s.engine.error, LightLost)
-    assert s.bench.safe
-
-
-def test_pause_after_the_point_and_resume(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 0, s.engine.pause)
-    seen = []
-
-    def paused() -> None:
-        seen.append((measured(s), s.bench.shutter.opened, s.bench.source.on))
-        s.engine.resume()
-
-    s.when(lambda e: isinstance(e, StateChanged) and e.new == "paused", paused)
-    end = s.run()
-    assert seen == [([0], False, True)]
-    assert (end.outcome, end.done) == ("finished", 3)
-    assert [event.quality_flag for event in s.events(PointMeasured)] == [0, 0, 0]
-
-
-def test_pause_now_stops_the_arm_and_the_point_is_measured_afterwards(tmp_path: Path) -> None:
-    s = stage(tmp_path, plan_of(zenith=(80.0, -80.0), azimuth=(90.0,)))
-    still = []
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 1, lambda: s.engine.pause(now=True))
-
-    def paused() -> None:
-        still.append(not any(axis.busy() for axis in s.bench.axes.values()))
-        s.engine.resume()
-
-    s.when(lambda e: isinstance(e, StateChanged) and e.new == "paused", paused)
-    end = s.run()
-    assert still == [True]
-    assert (end.outcome, end.done) == ("finished", 2)
-    assert s.bench.wrong == []
-
-
-@pytest.mark.parametrize(("ask", "outcome"), [("abort", "aborted"), ("halt", "halted")])
-def test_ending_early_keeps_what_is_measured(tmp_path: Path, ask: str, outcome: str) -> None:
-    s = stage(tmp_path, run_file=True)
-    s.when(lambda e: isinstance(e, PointMeasured) and e.index == 0, lambda: getattr(s.engine, ask)("enough"))
-    end = s.run()
-    assert (end.outcome, end.reason) == (outcome, "enough")
-    assert 1 <= end.done < 3
-    assert end.run_file is not None
-    assert s.bench.safe
-    assert s.engine.error is None
-    again = stage(tmp_path)
-    assert again.run().done == 3
-
-
-def test_abort_while_the_operator_takes_his_time(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.operator.ready.clear()
-    s.when(lambda e: isinstance(e, StateChanged) and e.new == "mounting", lambda: s.engine.abort("changed my mind"))
-    end = s.run()
-    s.operator.ready.set()
-    assert end.outcome == "aborted"
-    assert end.run_file is None
-
-
-def test_an_operator_who_gives_up_ends_the_scan_in_an_orderly_way(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.operator.gives_up = True
-    end = s.run()
-    assert end.outcome == "aborted"
-    assert "reference" in end.reason
-    assert s.bench.safe
 
 
 def test_points_beyond_the_drive_are_refused_before_anything_moves(tmp_path: Path) -> None:
@@ -326,39 +135,6 @@ def test_a_plan_without_a_safe_way_is_refused_before_anything_moves(tmp_path: Pa
     assert s.bench.log == []
 
 
-def test_a_fault_at_the_start_moves_nothing(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.bench.source.trouble = "interlock open: key switch"
-    end = s.run()
-    assert end.outcome == "faulted"
-    assert "key switch" in end.reason
-    assert s.bench.log == []
-
-
-def test_a_laboratory_that_cannot_be_reached_ends_the_scan(tmp_path: Path) -> None:
-    bench = Bench()
-
-    def unreachable():
-        raise CommunicationError("detector", "line 'meter' cannot be opened", "check the cable")
-
-    bench.laboratory = unreachable  # type: ignore[method-assign]
-    s = stage(tmp_path, bench=bench)
-    end = s.run()
-    assert end.outcome == "faulted"
-    assert "meter" in end.reason
-
-
-def test_a_shutter_that_sticks_open_is_never_called_safe(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 1, lambda: setattr(s.bench.shutter, "stuck", True))
-    end = s.run()
-    assert end.outcome == "faulted"
-    assert "shutter" in end.reason
-    assert not s.bench.source.on
-    assert any("not brought into its safe state" in e.text for e in s.events(Message))
-    assert s.bench.wrong == []
-
-
 def test_too_much_light_for_the_lowest_gain_is_marked_not_averaged(tmp_path: Path) -> None:
     s = stage(tmp_path)
     s.when(
@@ -383,22 +159,6 @@ def test_the_watchdog_of_the_source_is_fed_while_it_emits(tmp_path: Path) -> Non
     s = stage(tmp_path)
     s.run()
     assert s.bench.source.fed > 5
-
-
-def test_a_full_disk_ends_the_scan_safely(tmp_path: Path) -> None:
-    s = stage(tmp_path)
-
-    def full() -> None:
-        def refuse(*_: object, **__: object) -> None:
-            raise OSError(28, "No space left on device")
-
-        s.engine._job.journal.record = refuse  # type: ignore[method-assign]
-
-    s.when(lambda e: isinstance(e, PointStarted) and e.index == 1, full)
-    end = s.run()
-    assert end.outcome == "faulted"
-    assert "No space left" in end.reason
-    assert s.bench.safe
 
 
 def test_an_observer_that_fails_or_lags_does_not_touch_the_scan(tmp_path: Path) -> None:
