@@ -80,9 +80,10 @@ def write_figures(document: Document, folder: Path) -> None:
     plots, tables = [], []
     for plot in document.plots():
         files = [f"{plot.name}.{form}" for form in FORMS]
+        figure = plot.figure()
         for form, file in zip(FORMS, files, strict=True):
             with rc_context(_SALT):
-                _write(folder / file, rendered(plot.figure(), form, _DPI))
+                _write(folder / file, rendered(figure, form, _DPI))
         _write(folder / f"{plot.name}.csv", csv_of(plot.data))
         caption = label(plot.counterpart, plot.caption)
         plots.append({"name": plot.name, "counterpart": plot.counterpart, "caption": caption, "files": files})

@@ -6,10 +6,11 @@ import io
 from collections.abc import Sequence
 from functools import lru_cache
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.ft2font import LoadFlags
 from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 
@@ -300,13 +301,14 @@ def _characters() -> frozenset[int]:
     return frozenset(get_font(findfont(FontProperties())).get_charmap())
 
 
-@lru_cache(maxsize=1)
-def _renderer() -> RendererAgg:
-    return RendererAgg(10, 10, 72)
+@lru_cache(maxsize=4096)
+def _advance(character: str, weight: str) -> float:
+    """How far a character moves the pen, in sizes of the font."""
+    font = get_font(findfont(FontProperties(weight=weight)))
+    font.set_size(100.0, 72.0)
+    return float(font.load_char(ord(character), flags=LoadFlags.NO_HINTING).linearHoriAdvance) / 65536 / 100
 
 
-@lru_cache(maxsize=16384)
 def _width(text: str, size: float, weight: str) -> float:
     """Width of a text in inch."""
-    properties = FontProperties(size=size, weight=weight)
-    return float(_renderer().get_text_width_height_descent(text, properties, False)[0]) * _POINT
+    return sum(_advance(character, weight) for character in text) * size * _POINT
