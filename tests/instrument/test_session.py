@@ -8,17 +8,18 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from watched_session import Watched, state_is_safe
 
 from drivers.lock import InstrumentBusy
 from instrument.dataset import read_run
 from instrument.errors import InputError
-from instrument.events import Event, PointMeasured, PointSkipped, PointStarted, ScanEnded, StateChanged
+from instrument.events import Event, PointMeasured, PointSkipped, PointStarted, StateChanged
 from instrument.journal import read_journal
 from instrument.session import ScanRequest, ScanSession, derive_run
 from instrument.settings import ScanSettings
@@ -56,53 +57,11 @@ def request_(plan: Path, tmp_path: Path) -> ScanRequest:
     return ScanRequest(plan=plan, simulate=True, speed=SPEED, out=tmp_path / "run", twin=False)
 
 
-class Watched:
-    """An open session whose events are kept, and that acts when one comes."""
-
-    def __init__(self, request: ScanRequest, settings: ScanSettings | None = None) -> None:
-        self.session = ScanSession(request, settings=settings)
-        self.events: list[Event] = []
-        self._acts: list[tuple[Callable[[Event], bool], Callable[[], Any]]] = []
-        self.session.subscribe(self._see, "test")
-
-    def _see(self, event: Event) -> None:
-        self.events.append(event)
-        for entry in [entry for entry in self._acts if entry[0](event)]:
-            self._acts.remove(entry)
-            entry[1]()
-
-    def when_point_starts(self, index: int, act: Callable[[], Any]) -> None:
-        self._acts.append((lambda e: isinstance(e, PointStarted) and e.index == index, act))
-
-    def when_state(self, state: str, act: Callable[[], Any]) -> None:
-        self._acts.append((lambda e: isinstance(e, StateChanged) and e.new == state, act))
-
-    def control(self, action: str, **arguments: Any) -> Any:
-        return self.session.laboratory.control(action, **arguments)  # type: ignore[union-attr]
-
-    def run(self) -> ScanEnded:
-        self.session.start()
-        end = self.session.wait(90.0)
-        assert end is not None, f"hangs in state {self.session.state}"
-        assert self.session.bus.drain(10.0)
-        return end
-
-    def of(self, kind: type[Any]) -> list[Any]:
-        return [event for event in self.events if isinstance(event, kind)]
-
-
 @pytest.fixture
 def watched(request_: ScanRequest) -> Iterator[Watched]:
     watch = Watched(request_)
     with watch.session:
         yield watch
-
-
-def state_is_safe(watch: Watched, *, watchdog_trips: bool = False) -> bool:
-    state = watch.control("state")
-    still = not any(axis["moving"] for axis in state["axes"].values())
-    assert watchdog_trips or state["watchdog_trips"] == 0
-    return still and not state["emission"] and not state["shutter_open"]
 
 
 def test_a_scan_on_real_wires_leaves_a_whole_run_folder(watched: Watched, tmp_path: Path) -> None:
