@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
@@ -103,9 +105,9 @@ def draw_means(figure: FigureBase, data: Columns, lines: dict[str, tuple[float, 
     for axis in axes:
         found |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
     labels = [*sorted(name for name in found if name not in lines), *(name for name in lines if name in found)]
-    chosen: list = [found[name] for name in labels]
+    handles: list[Any] = [found[name] for name in labels]
     figure.legend(
-        chosen, labels, loc="upper center", ncols=3, fontsize=7, frameon=False, borderpad=0.1, handlelength=3.2
+        handles, labels, loc="upper center", ncols=3, fontsize=7, frameon=False, borderpad=0.1, handlelength=3.2
     )
 
 

@@ -144,8 +144,9 @@ def _measured(sources: Sources) -> list[Block]:
     if sources.flat:
         return [*blocks, LeftOut(what, "the sample is flat: what was measured of it stands under The material")]
     blocks += sample_blocks(sources.run)
-    lacks = capabilities(sources.run)
-    return [*blocks, *([Words("What the run file does not hold:"), Points(lacks)] if lacks else [])]
+    if lacks := capabilities(sources.run):
+        blocks += [Words("What the run file does not hold:"), Points(lacks)]
+    return blocks
 
 
 def _material(sources: Sources) -> list[Block]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,12 +15,14 @@ from twin.metrics import Category
 from twin.report.bars import METRICS, bars_height, draw_means, draw_shares
 from twin.report.curves import PANELS, draw_comparison, draw_differences, panels_height
 from twin.report.document import Block, Plot, Points, Table
-from twin.report.facets import by_light, geometry
+from twin.report.facets import Facet, by_light, geometry
 from twin.report.maps import Metric, Scale, draw_metrics, metric_height
 from twin.report.measured import in_parts, part
 from twin.report.words import fixed
 from twin.tables import TABLE_VI
 
+#: Draws planes into a figure.
+Drawing = Callable[..., None]
 _SYMBOLS = {"relative_difference": "|ΔR*|", "t": "|t'|", "level_of_agreement": "n'"}
 _VALUES = ("measured", "u_measured", "simulated", "u_simulated", "relative_difference", "t", "level_of_agreement")
 #: Lights in one figure of three rows of maps.
@@ -120,7 +123,7 @@ def plane_plots(comparison: Comparison) -> list[Block]:
     """Reflectance factors and relative differences of every plane (Figs. 13 and 14)."""
     points, names = comparison.points, dict(zip(map(id, comparison.planes), titles(comparison.planes), strict=True))
 
-    def of(drawing, counterpart: str):  # type: ignore[no-untyped-def]
+    def of(drawing: Drawing, counterpart: str) -> Callable[[Sequence[Plane], str, str], Plot]:
         def plot(chosen: Sequence[Plane], stem: str, said: str) -> Plot:
             draw = partial(drawing, points=points, planes=chosen, titles=[names[id(plane)] for plane in chosen])
             rows = [row for plane in chosen for row in plane.rows]
@@ -165,8 +168,12 @@ def metric_maps(comparison: Comparison) -> list[Block]:
     data = point_columns(points, range(points.sizes["point"]))
     data["relative_difference_percent"] = 100 * data["relative_difference"]
     shown = [
-        Metric("relative_difference_percent", "relative_difference_category", Scale("ΔR* / %", "RdBu_r", (-6.0, 6.0))),
-        Metric("t", "t_category", Scale("t'", "RdBu_r", (-3.0, 3.0))),
+        Metric(
+            "relative_difference_percent",
+            "relative_difference_category",
+            Scale("ΔR* / %", "RdBu_r", (-6.0, 6.0), "both"),
+        ),
+        Metric("t", "t_category", Scale("t'", "RdBu_r", (-3.0, 3.0), "both")),
         Metric("level_of_agreement", "level_of_agreement_category", Scale("n'", "cividis", (0.0, 1.0))),
     ]
     caption = (
@@ -175,7 +182,7 @@ def metric_maps(comparison: Comparison) -> list[Block]:
         " 2 poor."
     )
 
-    def plot(chosen: Sequence, stem: str, said: str) -> Plot:  # type: ignore[type-arg]
+    def plot(chosen: Sequence[Facet], stem: str, said: str) -> Plot:
         own, moved = part(data, chosen)
         draw = partial(draw_metrics, data=own, facets=moved, metrics=shown)
         return Plot(stem, said, metric_height(len(shown)), draw, own, "Fig. 15")
@@ -215,9 +222,12 @@ def bar_plots(comparison: Comparison) -> list[Block]:
     ]
 
 
-def share_columns(groups: Sequence[tuple[str, Group]]) -> dict[str, list]:  # type: ignore[type-arg]
+def share_columns(groups: Sequence[tuple[str, Group]]) -> dict[str, list[Any]]:
     """Numbers of points of groups by metric and category."""
-    data: dict[str, list] = {"plane": [name for name, _ in groups], "points": [group.points for _, group in groups]}  # type: ignore[type-arg]
+    data: dict[str, list[Any]] = {
+        "plane": [name for name, _ in groups],
+        "points": [group.points for _, group in groups],
+    }
     for metric, _ in METRICS:
         for category in Category:
             name = category.name.lower()
@@ -226,7 +236,7 @@ def share_columns(groups: Sequence[tuple[str, Group]]) -> dict[str, list]:  # ty
     return data
 
 
-def mean_columns(planes: Sequence[Plane], names: Sequence[str]) -> dict[str, list]:  # type: ignore[type-arg]
+def mean_columns(planes: Sequence[Plane], names: Sequence[str]) -> dict[str, list[Any]]:
     """Mean metrics of planes."""
     turned = [np.mod(plane.sensor_azimuth - plane.illumination_azimuth, 180.0) for plane in planes]
     return {

@@ -72,9 +72,9 @@ def reference_blocks(run: xr.Dataset) -> list[Block]:
 def reference_columns(run: xr.Dataset) -> tuple[dict[str, np.ndarray], list[str]]:
     """Readings of the reference in order of time, and the names of their lights."""
     dark = run["reference_dark_signal"].values if "reference_dark_signal" in run else None
-    known = (run[f"reference_{name}"].values for name in ("signal", "dark", "gain"))
+    volts, zero, gain = (run[f"reference_{name}"].values for name in ("signal", "dark", "gain"))
     reading = normalised(
-        photocurrent(*known, dark), run["reference_monitor"].values if "reference_monitor" in run else None
+        photocurrent(volts, zero, gain, dark), run["reference_monitor"].values if "reference_monitor" in run else None
     )
     sizes = run.sizes["reference"]
     light, names = np.zeros(sizes, dtype=int), [""]
@@ -161,7 +161,7 @@ def _draw_reference(figure: FigureBase, data: Columns, names: list[str], drift: 
     locator = AutoDateLocator(maxticks=8)
     axis.xaxis.set_major_locator(locator)
     axis.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    axis.xaxis.get_offset_text().set_size(7)
+    axis.xaxis.get_offset_text().set_fontsize(7)
     axis.grid(True, lw=0.4, alpha=0.5)
     axis.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=7.5, frameon=False, borderaxespad=0.2)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -24,6 +25,8 @@ _LEADS = {
     "unknown": "Measurement and simulation differ, and no effect of the library explains it.",
     "undecided": "Measurement and simulation differ, or may; this run does not decide why.",
 }
+#: Pairs of effects that are written out.
+_TOLD = 3
 #: Effects of the ranking that are drawn.
 _DRAWN = 8
 
@@ -44,7 +47,7 @@ def diagnosis_blocks(found: DiagnosisFile, run: xr.Dataset | None, run_digest: s
         rows = [
             [
                 scan.description,
-                "; ".join(" from ".join(pair) for pair in scan.separates),
+                _pairs(scan.separates),
                 _one_decimal(scan.gain_nats),
                 _one_decimal(scan.duration_s / 60),
             ]
@@ -86,8 +89,8 @@ def _consistency(found: DiagnosisFile) -> list[str]:
         ),
     ]
     if found.probabilities:
-        said = ", ".join(f"{name} {chance_of(value)}" for name, value in found.probabilities.items())
-        lines.append(f"Probabilities of no effect: {said}.")
+        said = ", ".join(f"{name}: {chance_of(value)}" for name, value in _explained(found).items())
+        lines.append(f"Probability that nothing of the library is the cause: {said}.")
     return lines
 
 
@@ -130,9 +133,10 @@ def _ranking(found: DiagnosisFile) -> list[Block]:
     ]
 
 
-def _explained(found: DiagnosisFile) -> list[str]:
+def _explained(found: DiagnosisFile) -> dict[str, float]:
+    """Probabilities of what is no effect."""
     words = {"none": "no gap", "unknown": "unknown cause"}
-    return [words.get(name, name) for name in found.probabilities]
+    return {words.get(name, name): value for name, value in found.probabilities.items()}
 
 
 def _others(members: tuple[str, ...]) -> list[str]:
@@ -198,6 +202,12 @@ def _gap(found: DiagnosisFile) -> list[Block]:
 
 def _draw_gap(figure: FigureBase, before: float, after: float, left: float) -> None:
     gap_bars(figure, before, after, left)
+
+
+def _pairs(pairs: Sequence[Sequence[str]]) -> str:
+    """The first pairs that a scan tells apart, and how many more."""
+    told = "; ".join(" from ".join(name.replace("_", " ") for name in pair) for pair in pairs[:_TOLD])
+    return f"{told}; and {len(pairs) - _TOLD} more pairs" if len(pairs) > _TOLD else told
 
 
 def _one_decimal(value: float) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,11 +35,12 @@ _EDGE = 97.0
 
 @dataclass(frozen=True)
 class Scale:
-    """Colours of a quantity."""
+    """Colours of a quantity; ``extend`` is "both" where values may lie beyond the limits."""
 
     label: str
     colours: str | Colormap
     limits: tuple[float, float]
+    extend: Literal["neither", "both"] = "neither"
 
     @property
     def norm(self) -> Normalize:
@@ -103,8 +105,8 @@ def draw_metrics(figure: FigureBase, data: Columns, facets: Sequence[Facet], met
             drawn = _draw_metric(axis, data, facet, metric)
             _light(axis, facet.light)
         bar = figure.add_axes((0.905, bottom + 0.2 / height, 0.014, 1.65 / height))
-        figure.colorbar(drawn, cax=bar, label=metric.scale.label)
-        bar.yaxis.label.set_size(7.5)
+        figure.colorbar(drawn, cax=bar, label=metric.scale.label, extend=metric.scale.extend)
+        bar.yaxis.label.set_fontsize(7.5)
         bar.tick_params(labelsize=7)
     handles = [
         Line2D([], [], ls="none", marker=marker, mfc=colour, mec=BLACK, mew=0.4, ms=4.5, label=kind.name.lower())

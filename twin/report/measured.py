@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
@@ -16,6 +17,7 @@ from twin.report.facets import Facet, by_light, by_plane, geometry, mirrored_row
 from twin.report.maps import Scale, draw_maps, map_height
 from twin.report.words import listed, span
 
+T = TypeVar("T")
 #: Maps in one figure, and figures of a kind at most; a run of many wavelengths would fill a book.
 _MAPS, _MOST = 9, 6
 _MIRROR = (
@@ -73,16 +75,18 @@ def map_plots(run: xr.Dataset, name: str, counterpart: str, what: str) -> list[B
     return in_parts(facets, _MAPS, name, caption, plot)
 
 
-def in_parts(facets: Sequence, size: int, name: str, caption: str, plot) -> list[Block]:  # type: ignore[no-untyped-def, type-arg]
+def in_parts(
+    panels: Sequence[T], size: int, name: str, caption: str, plot: Callable[[Sequence[T], str, str], Plot]
+) -> list[Block]:
     """Figures of so many panels each; more than :data:`_MOST` of them are not drawn, and that is said."""
-    parts = [facets[start : start + size] for start in range(0, len(facets), size)]
+    parts = [panels[start : start + size] for start in range(0, len(panels), size)]
     many = len(parts) > 1
     blocks: list[Block] = [
         plot(part, f"{name}_{k}" if many else name, f"{caption} Part {k} of {len(parts)}." if many else caption)
         for k, part in enumerate(parts[:_MOST], start=1)
     ]
     if len(parts) > _MOST:
-        left = len(facets) - _MOST * size
+        left = len(panels) - _MOST * size
         blocks.append(LeftOut(f"{left} further panels of {name}", f"a report draws {_MOST * size} panels of a kind"))
     return blocks
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from matplotlib import rc_context
 
@@ -20,7 +21,7 @@ FORMS = ("png", "svg", "pdf")
 CONTENTS = "contents.json"
 _DPI = 220
 #: Makes the names inside an SVG the same every time.
-_SALT = {"svg.hashsalt": "goniotwin"}
+_SALT: Any = {"svg.hashsalt": "goniotwin"}
 
 
 def check_targets(html: Path, pdf: Path | None, figures: Path | None, *, force: bool) -> None:

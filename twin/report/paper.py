@@ -61,7 +61,7 @@ def _section(sheets: Sheets, number: int, section: Section) -> None:
             case Table():
                 sheets.table(block)
             case Plot():
-                sheets.float(block)
+                sheets.place(block)
             case LeftOut(what, why):
                 sheets.text(f"Left out: {what}. Reason: {why}.", colour=_FAINT, after=5)
 
@@ -129,7 +129,7 @@ class Sheets:
             self._put(line, _LEFT + indent, self._y, size, weight=weight, colour=colour)
         self.space(after)
 
-    def float(self, plot: Plot) -> None:
+    def place(self, plot: Plot) -> None:
         """A figure: here if there is room, else at the top of the next sheet, after those that wait already."""
         if self._waiting or self._needed(plot) > self._y - _BOTTOM:
             self._waiting.append(plot)

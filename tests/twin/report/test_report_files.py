@@ -315,7 +315,8 @@ def test_a_diagnosis_is_told(named):
     effect = ["sensor zenith offset", "0.970", "angle_deg", "0.523", "0.061", "not stated"]
     assert [list(row) for row in found["diagnosis_effects"].rows] == [effect]
     assert list(found["diagnosis_effect_ranking"].rows[0]) == ["sensor zenith offset", "0.970", "backlash"]
-    assert list(found["diagnosis_next_scan"].rows[0][2:]) == ["18.4", "12.5"]
+    told = "a from b; a from b; a from b; and 6 more pairs"
+    assert list(found["diagnosis_next_scan"].rows[0]) == ["again", told, "18.4", "12.5"]
     plots = {plot.name: plot for plot in document.plots()}
     located = plots["diagnosis_where"].data
     assert np.flatnonzero(located["strength"]).tolist() == [12, 13]
