@@ -14,7 +14,7 @@ _FENCE = re.compile(
 )
 _CODE_SPAN = re.compile(r"(?<!`)`(?!`)([^`]+)`(?!`)")
 #: What a line begins with that is a command.
-_PROGRAMS = ("goniotwin ", ".venv/bin/", "make ", "python ", "git ", "cd ", "cp ", "pip ", "source ")
+_PROGRAMS = ("goniotwin ", ".venv/bin/", "make ", "python ")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,9 @@ def commands(page: Path) -> list[Command]:
     found = []
     for language, first, text in blocks(page):
         if language in ("sh", "", "text"):
-            found += [Command(name, n, line, language == "sh") for n, line in _lines(text, first) if _is_command(line)]
+            exact = language == "sh"
+            lines = [(n, line) for n, line in _lines(text, first) if line and (exact or _is_command(line))]
+            found += [Command(name, n, line, exact) for n, line in lines]
     source = page.read_text(encoding="utf-8")
     without = _FENCE.sub(lambda match: "\n" * match[0].count("\n"), source)
     for number, line in _indented(without):
@@ -86,7 +88,7 @@ def _lines(text: str, first: int) -> Iterator[tuple[int, str]]:
             pending += line[:-1] + " "
             continue
         whole, pending = pending + line, ""
-        yield began, re.sub(r"\s+#\s.*$", "", whole)
+        yield began, re.sub(r"(^|\s+)#\s.*$", "", whole)
 
 
 def _is_command(line: str) -> bool:

@@ -34,6 +34,7 @@ EXECUTED = (
     r"goniotwin diagnose run\.nc$",
     r"goniotwin report runs/first ",
 )
+SHELL = ("git", "cd", "cp", "source", "pip", "export")
 INSTEAD = {"--speed 120": "--speed 400 --no-twin", "--out prediction.nc": "--out prediction.nc --standard-error 0.01"}
 #: Only parsed, and why.
 PARSED_ONLY = {
@@ -74,7 +75,7 @@ def complaint(command: Command) -> str:
             return f"no such file: {words[0]}"
         text = script.read_text(encoding="utf-8")
         return " ".join(f"no {word}" for word in words[1:] if word.startswith("--") and f'"{word}"' not in text)
-    return ""
+    return "" if program in SHELL else f"unknown program {program}"
 
 
 def _complaint(command: Command) -> str:
@@ -95,6 +96,9 @@ def _complaint(command: Command) -> str:
         ("goniotwin scans first.toml", "scans"),
         ("goniotwin runs shows", "shows"),
         ("goniotwin predict first.toml", "artifact"),
+        ("goniotwins plan first.toml", "unknown program"),
+        ("make tests", "no such target"),
+        ("python examples/predicts.py", "no such file"),
     ],
 )
 def test_a_wrong_command_is_not_understood(text: str, said: str) -> None:

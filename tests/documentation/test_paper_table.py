@@ -49,6 +49,10 @@ def test_rows_are_whole_and_every_section_is_there() -> None:
     text = " ".join(row[0] for row in found)
     for table in ("I", "II", "III", "IV", "V", "VI"):
         assert re.search(rf"Table {table}\b", text), table
+    figures: set[int] = set()
+    for first, joined, last in re.findall(r"Figs?\. (\d+)(?: (and|to) (\d+))?", text):
+        figures |= set(range(int(first), int(last) + 1)) if joined else {int(first)}
+    assert figures >= set(range(10, 21))
 
 
 @pytest.mark.parametrize("row", rows(), ids=lambda row: row[0])
