@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from our_run import write_example
+from our_run import write_documents, write_example
 
 from sim_fixtures.laboratory import start_simulated
 
@@ -38,7 +38,7 @@ ON_OUR_SIMULATORS = [
     ("modbus_clients.py", "minimalmodbus"),
 ]
 OUR_DRIVERS = [("our_drivers.py", name) for name in ("pyvisa-sim", "pymodbus-socket", "pymodbus-rtu", "pyModbusTCP")]
-ON_OUR_FILES = ["obsarray_run.py"]
+ON_OUR_FILES = [("obsarray_run.py", "run.nc"), ("punpy_run.py", "run.nc"), ("bluesky_documents.py", "run.jsonl")]
 SPEED, TIMEOUT = 20.0, 400.0
 
 
@@ -70,6 +70,13 @@ def judge(interpreter: Path, script: str, argument: str, endpoints: dict[str, An
     for check in failed:
         print(f"  FAILED {check['what']}: {check['found']}", flush=True)
     return verdict | {"script": script}
+
+
+def on_our_files(interpreter: Path, folder: Path) -> list[dict[str, Any]]:
+    """Judges of files, each with the one that it reads."""
+    write_example(folder / "run.nc")
+    write_documents(folder)
+    return [judge(interpreter, script, str(folder / name), {}) for script, name in ON_OUR_FILES]
 
 
 def table(title: str, verdicts: list[dict[str, Any]]) -> list[str]:
@@ -105,8 +112,7 @@ def main() -> int:
     ):
         endpoints = laboratory.endpoints["ports"] | {"meter": laboratory.endpoints["meter"]}
         ours = [judge(interpreter, script, argument, endpoints) for script, argument in ON_OUR_SIMULATORS]
-        run = str(write_example(Path(folder) / "run.nc"))
-        files = [judge(interpreter, script, run, {}) for script in ON_OUR_FILES]
+        files = on_our_files(interpreter, Path(folder))
     theirs = [judge(interpreter, script, argument, {}) for script, argument in OUR_DRIVERS]
     found = {"on_our_simulators": ours, "our_drivers": theirs, "on_our_files": files}
     write({"date": datetime.now(UTC).date().isoformat()} | found)
