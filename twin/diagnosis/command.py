@@ -57,6 +57,12 @@ def diagnose_command(
     same_mounting: Annotated[
         bool, typer.Option("--same-mounting", help="Several runs: the sample stayed on its mount between them.")
     ] = False,
+    white: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Run of the white reference in place of the sample; counts with the others.", show_default=False
+        ),
+    ] = None,
     wavelength: Annotated[
         float | None, typer.Option(help="Test the symmetries at this wavelength alone, nm.", show_default=False)
     ] = None,
@@ -76,7 +82,7 @@ def diagnose_command(
         _check_alone(outputs, inputs, columns)
         _symmetries_alone(runs, columns, symmetry, wavelength, json)
         return
-    diagnosis = _diagnose(runs, inputs, cache, same_mounting, other_scans=plans is not None)
+    diagnosis = _diagnose(runs, inputs, cache, same_mounting, white or [], other_scans=plans is not None)
     found = _parity(runs, symmetry, wavelength)
     _tell(diagnosis, found)
     _write(diagnosis, found, json, prediction)
@@ -168,7 +174,7 @@ def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs | None:
 
 
 def _diagnose(
-    runs: list[Path], inputs: Inputs, cache: Path | None, same_mounting: bool, *, other_scans: bool
+    runs: list[Path], inputs: Inputs, cache: Path | None, same_mounting: bool, white: list[Path], *, other_scans: bool
 ) -> Diagnosis:
     from dataclasses import replace
 
@@ -183,6 +189,7 @@ def _diagnose(
     from twin.diagnosis.preparation import Bench
 
     observations = [read_observation(run, LEAST_FOLLOWING if k else LEAST_POINTS) for k, run in enumerate(runs)]
+    plates = [read_observation(run, LEAST_FOLLOWING) for run in white]
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
@@ -191,10 +198,10 @@ def _diagnose(
         def told(what: str, share: float) -> None:
             bar.update(task, description=what, completed=0.6 * share)
 
-        if len(observations) == 1:
+        if len(observations) == 1 and not plates:
             prepared = bench.prepare(observations[0], told)
         else:
-            prepared = prepare_jointly(bench, observations, same_mounting=same_mounting, told=told)
+            prepared = prepare_jointly(bench, observations, white=plates, same_mounting=same_mounting, told=told)
         found = diagnose(prepared, lambda what, share: bar.update(task, description=what, completed=0.6 + 0.4 * share))
         if other_scans:
             bar.update(task, description="what other scans would say")

@@ -7,7 +7,7 @@ known, so nothing is rendered. :func:`further` adds planes and illumination angl
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +15,12 @@ import numpy as np
 
 from instrument.errors import InputError
 from instrument.files import write_atomically
-from twin.diagnosis.next_information import Explanation, Outlook, Worth, explanations
+from twin.diagnosis.next_explanations import Explanation, entropy, explanations, known_of
+from twin.diagnosis.next_information import Outlook, Worth
 from twin.diagnosis.next_plan import duration_of, plan_text
 from twin.diagnosis.next_scans import Scan, other_geometries, scans
 from twin.diagnosis.next_stage import Stage, white_stage, wider
+from twin.diagnosis.nuisance import ROWS, STATED
 from twin.diagnosis.verdict import TOLD_APART
 
 if TYPE_CHECKING:
@@ -82,29 +84,27 @@ def proposals(diagnosis: Diagnosis, facility: Facility, most: int = 3) -> list[P
 
 
 def further(diagnosis: Diagnosis, bench: Bench, most: int = 6) -> list[Proposal]:
-    """The same with geometries that the run lacks; what effects do there is rendered once for a configuration."""
-    if _entropy(explanations(diagnosis.posterior, diagnosis.prepared.problem)) < _LEAST:
+    """The same with geometries that the run lacks, and the white reference.
+
+    At new geometries the effects of the leading explanations and of the budget are rendered, once for a configuration.
+    """
+    problem = diagnosis.prepared.problem
+    leading = explanations(diagnosis.posterior, problem)
+    if entropy(leading) < _LEAST:
         return []
-    run = diagnosis.prepared.problem.run
-    stages = [wider(bench, run, other_geometries(run, bench.facility.arms)), white_stage(bench, run)]
+    named = {name for one in leading for name in one.names} | {name for row in ROWS.values() for name in row}
+    every = [part.effect for part in diagnosis.prepared.responses.found.values()]
+    effects = [effect for effect in every if effect.name in named | set(STATED)]
+    other = other_geometries(problem.run, bench.facility.arms)
+    stages = [wider(bench, problem.run, other, effects), white_stage(bench, problem.run, effects)]
     return ranked(outlook_of(diagnosis, stages), bench.facility, most)
 
 
 def outlook_of(diagnosis: Diagnosis, stages: Sequence[Stage]) -> Outlook:
     """The leading explanations of a diagnosed run before the geometries of some stages."""
     problem = diagnosis.prepared.problem
-    return Outlook(problem, stages, known_of(explanations(diagnosis.posterior, problem), stages[0]))
-
-
-def known_of(leading: Sequence[Explanation], stage: Stage) -> list[Explanation]:
-    """Explanations whose effects the stage knows, their probabilities adding up to 1."""
-    kept = [one for one in leading if set(one.names) <= set(stage.responses)]
-    total = sum(one.probability for one in kept)
-    return [replace(one, probability=one.probability / total) for one in kept]
-
-
-def _entropy(leading: Sequence[Explanation]) -> float:
-    return float(-sum(one.probability * np.log(one.probability) for one in leading))
+    leading = known_of(explanations(diagnosis.posterior, problem), list(stages[0].responses))
+    return Outlook(problem, stages, leading)
 
 
 def ranked(outlook: Outlook, facility: Facility, most: int) -> list[Proposal]:

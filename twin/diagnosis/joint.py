@@ -23,6 +23,7 @@ from twin.diagnosis.observation import Observation
 from twin.diagnosis.preparation import Bench, Prepared, Told, low_rank, model_error
 from twin.diagnosis.problem import Problem
 from twin.diagnosis.responses import Responses
+from twin.diagnosis.white_reference import prepare_white
 
 #: Labels of the budget's columns that are of one run, by how they begin: the first always, the second unless the sample
 #: stayed on its mount.
@@ -117,9 +118,20 @@ def light_of(parts: Sequence[Any]) -> tuple[float, ...]:
 
 
 def prepare_jointly(
-    bench: Bench, runs: Sequence[Observation], *, same_mounting: bool = False, told: Told | None = None
+    bench: Bench,
+    runs: Sequence[Observation],
+    *,
+    white: Sequence[Observation] = (),
+    same_mounting: bool = False,
+    told: Told | None = None,
 ) -> Prepared:
-    """Make several runs of one configuration ready to be diagnosed as one."""
+    """Make several runs of one configuration ready to be diagnosed as one.
+
+    Parameters
+    ----------
+    white
+        Scans of the white reference in place of the sample.
+    """
     tell = told or (lambda what, share: None)
     parts = []
     for number, run in enumerate(runs):
@@ -128,9 +140,13 @@ def prepare_jointly(
             tell(f"run {number + 1} of {len(runs)}: {what}", (number + share) / len(runs))
 
         parts.append(bench.prepare(run, step))
-    together = joined([part.problem.run for part in parts])
+    together = joined([part.problem.run for part in parts]) if len(parts) > 1 else parts[0].problem.run
     factor, rest = low_rank(bench.input_covariance(together))
     shared = np.concatenate([factor, model_error(together)], axis=1)
+    # Errors of the coupon and of the reflection model are none of the white reference's.
+    more = sum(len(run) for run in white)
+    shared, rest = np.pad(shared, ((0, more), (0, 0))), np.pad(rest, (0, more))
+    parts += [prepare_white(bench, run, [r.effect for r in parts[0].responses.found.values()]) for run in white]
     return replace(join(parts, shared, rest, same_mounting=same_mounting), inputs=bench.inputs)
 
 

@@ -18,101 +18,19 @@ from instrument.angles import FloatArray
 from twin.diagnosis.amplitude import Parameter, log_sum
 from twin.diagnosis.covariance import smooth_gap, structures
 from twin.diagnosis.joint import dimmed
+from twin.diagnosis.next_explanations import Explanation, Member, entropy, factor_of
 from twin.diagnosis.next_scans import Scan
 from twin.diagnosis.next_stage import Stage, read_again, taken_again
 from twin.diagnosis.observation import Observation
-from twin.diagnosis.posterior import Hypothesis, Posterior
 from twin.diagnosis.problem import Problem
-from twin.diagnosis.responses import AnyResponse
-from twin.diagnosis.unknown import UNKNOWN_SIZES
+from twin.diagnosis.response import AnyResponse
 
-#: Explanations that are told apart: so much of the probability, so many at most, none of less than this.
-_COVERED, _MOST, _LEAST = 0.99, 10, 0.005
-#: Structures of the errors for each explanation.
-_STRUCTURES = 2
 #: Draws of the new readings for each explanation.
 DRAWS = 48
 #: Effects whose parameters are those of one run: in another they are others, of the same size.
 OF_A_RUN = ("session_scale", "source_drift", "source_jump")
 #: Effects of which it is not known what they become with less light: the gain ranges may change.
 NOT_DIMMED = ("gain_step",)
-UNKNOWN = "unknown"
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """One explanation of the run.
-
-    Attributes
-    ----------
-    names
-        Effects; empty for none, and for a smooth gap of unknown cause.
-    probability
-        Of it among the explanations that are told apart.
-    values, covariance
-        Of the parameters of all its effects.
-    sizes
-        Number of parameters of each effect.
-    members
-        Structure of the errors and gap of unknown cause (number, size), with their probabilities.
-    """
-
-    names: tuple[str, ...]
-    smooth: bool
-    probability: float
-    values: FloatArray
-    covariance: FloatArray
-    sizes: tuple[int, ...]
-    members: tuple[tuple[int, tuple[int, float] | None, float], ...]
-
-    @property
-    def label(self) -> str:
-        """For people and files."""
-        return UNKNOWN if self.smooth else " and ".join(self.names) or "none"
-
-
-def explanations(posterior: Posterior, problem: Problem) -> list[Explanation]:
-    """The leading explanations of a run, the most probable first, their probabilities adding up to 1."""
-    catalogued = {component.name: component.catalogued for component in problem.components}
-    chosen: list[tuple[Hypothesis, float]] = []
-    for hypothesis, probability in zip(posterior.hypotheses, posterior.probability, strict=True):
-        beside = hypothesis.unknown and any(catalogued[name] for name in hypothesis.names)
-        if len(chosen) == _MOST or sum(p for _, p in chosen) > _COVERED or (chosen and probability < _LEAST):
-            break
-        if not beside:
-            chosen.append((hypothesis, float(probability)))
-    total = sum(p for _, p in chosen)
-    return [_explanation(hypothesis, p / total, problem) for hypothesis, p in chosen]
-
-
-def _explanation(hypothesis: Hypothesis, probability: float, problem: Problem) -> Explanation:
-    fit = hypothesis.fit
-    if fit is None:
-        nothing = np.zeros(0)
-        members = _gap_members(problem)
-        return Explanation((), True, probability, nothing, np.zeros((0, 0)), (), members)
-    weighted = fit.by_structure + np.array([member.log_weight for member in problem.members])
-    best = np.argsort(-weighted)[:_STRUCTURES]
-    share = np.exp(weighted[best] - log_sum(weighted[best]))
-    members = tuple((int(k), None, float(s)) for k, s in zip(best, share, strict=True) if s > 0)
-    return Explanation(hypothesis.names, False, probability, fit.values, fit.covariance, fit.sizes, members)
-
-
-def _gap_members(problem: Problem) -> tuple[tuple[int, tuple[int, float] | None, float], ...]:
-    """Structures and gaps of unknown cause that explain the run best."""
-    base = sorted(range(len(problem.members)), key=lambda k: -problem.members[k].log_weight)[:_STRUCTURES]
-    keys, values = [], []
-    for k in base:
-        for number, (_, shape) in enumerate(problem.gaps):
-            for size in UNKNOWN_SIZES:
-                spread = size * problem.run.relative_u
-                factor = _factor(problem.members[k].covariance + shape * np.outer(spread, spread))
-                white = linalg.solve_triangular(factor, problem.residual, lower=True, check_finite=False)
-                keys.append((k, (number, size)))
-                values.append(problem.members[k].log_weight - 0.5 * white @ white - np.sum(np.log(np.diag(factor))))
-    best = np.argsort(-np.array(values))[:_STRUCTURES]
-    share = np.exp(np.array(values)[best] - log_sum(np.array(values)[best]))
-    return tuple((*keys[n], float(s)) for n, s in zip(best, share, strict=True))
 
 
 @dataclass(frozen=True)
@@ -151,13 +69,12 @@ class Outlook:
         self, problem: Problem, stages: Sequence[Stage], leading: Sequence[Explanation], seed: int = 5
     ) -> None:
         self.problem, self.stages, self.leading, self._seed = problem, tuple(stages), list(leading), seed
-        self._here: dict[tuple[int, tuple[int, float] | None], FloatArray] = {}
+        self._here: dict[Member, FloatArray] = {}
 
     @property
     def entropy(self) -> float:
         """Of the explanations, nats."""
-        p = np.array([one.probability for one in self.leading])
-        return float(-np.sum(p * np.log(p)))
+        return entropy(self.leading)
 
     @cached_property
     def budgets(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
@@ -170,7 +87,7 @@ class Outlook:
         """Points of the run."""
         return self.stages[0].of_run
 
-    def factor(self, member: tuple[int, tuple[int, float] | None]) -> FloatArray:
+    def factor(self, member: Member) -> FloatArray:
         """Lower triangular factor of the run's covariance under a structure and a gap of unknown cause."""
         if member not in self._here:
             structure, gap = member
@@ -180,7 +97,7 @@ class Outlook:
             if gap is not None:
                 spread = gap[1] * self.problem.run.relative_u
                 covariance = covariance + self.problem.gaps[gap[0]][1] * np.outer(spread, spread)
-            self._here[member] = _factor(covariance)
+            self._here[member] = factor_of(covariance)
         return self._here[member]
 
     def worth(self, scan: Scan, draws: int = DRAWS) -> Worth | None:
@@ -264,37 +181,37 @@ class _Seen:
         shared, own = outlook.budgets[scan.stage]
         self._cross = shared[rows] @ outlook.budgets[0][0][: outlook.of_run].T
         self._systematic = shared[rows] @ shared[rows].T + own[rows] @ own[rows].T + np.diag(stage.u_nominal[rows] ** 2)
-        self._conditional: dict[tuple[int, tuple[int, float] | None], tuple[FloatArray, FloatArray]] = {}
+        self._conditional: dict[Member, tuple[FloatArray, FloatArray]] = {}
 
     def view(self, explanation: Explanation) -> _View:
         """An explanation's predictive distribution of the scan's logarithmic readings over the nominal ones."""
         here, there, slopes_here, slopes_there, anew = self._linearised(explanation)
         predictive = []
-        for structure, gap, share in explanation.members:
-            carry, covariance = self._given_run(structure, gap)
+        for member, share in explanation.members:
+            carry, covariance = self._given_run(member)
             mean = there + carry @ (self.outlook.problem.residual - here)
             left = slopes_there - carry @ slopes_here
             spread = left @ explanation.covariance @ left.T + anew @ anew.T if len(explanation.values) else 0.0
             predictive.append(
-                _Predictive(share, mean, _factor(covariance + spread), _factor(covariance), carry),
+                _Predictive(share, mean, factor_of(covariance + spread), factor_of(covariance), carry),
             )
         return _View(self, explanation, predictive)
 
-    def _given_run(self, structure: int, gap: tuple[int, float] | None) -> tuple[FloatArray, FloatArray]:
+    def _given_run(self, member: Member) -> tuple[FloatArray, FloatArray]:
         """Regression of the scan's errors on the run's, shape (scan, run), and the covariance that it leaves."""
-        key = (structure, gap)
-        if key not in self._conditional:
+        structure, gap = member
+        if member not in self._conditional:
             name = self.outlook.problem.structures[structure].name
             own = self._structures.get(name, np.diag(self.observation.relative_u**2))
             cross, alone = self._cross, own + self._systematic
             if gap is not None:
                 of_gap, of_cross = self._gap(*gap)
                 cross, alone = cross + of_cross, alone + of_gap
-            factor = self.outlook.factor(key)
+            factor = self.outlook.factor(member)
             white = linalg.solve_triangular(factor, cross.T, lower=True, check_finite=False)
             carry = linalg.solve_triangular(factor, white, lower=True, trans="T", check_finite=False).T
-            self._conditional[key] = np.asarray(carry), alone - white.T @ white
-        return self._conditional[key]
+            self._conditional[member] = np.asarray(carry), alone - white.T @ white
+        return self._conditional[member]
 
     def _gap(self, number: int, size: float) -> tuple[FloatArray, FloatArray]:
         """Covariance of a gap of unknown cause in the scan, and between scan and run."""
@@ -397,7 +314,3 @@ def _behind(scan: Observation, run: Observation) -> Observation:
     columns = {name: np.concatenate([column, run.columns[name]]) for name, column in scan.columns.items()}
     both = [np.concatenate([one, other]) for one, other in ((scan.brf, run.brf), (scan.u_brf, run.u_brf))]
     return Observation("", np.arange(len(both[0])), columns, both[0], both[1], {})
-
-
-def _factor(covariance: FloatArray) -> FloatArray:
-    return np.asarray(linalg.cholesky(covariance, lower=True, check_finite=False))

@@ -121,7 +121,7 @@ def other_geometries(run: Observation, arms: Arms) -> dict[str, FloatArray]:
     columns = run.columns
     values, counts = np.unique(columns["wavelength"], return_counts=True)
     wavelength = float(values[np.argmax(counts)])
-    zeniths = thinned(columns["sensor_zenith"], columns)
+    zeniths = thinned(columns["sensor_zenith"])
     lights = np.unique(np.round(columns["illumination_zenith"], 6))
     parts = []
     for light in lights:
@@ -137,7 +137,7 @@ def other_geometries(run: Observation, arms: Arms) -> dict[str, FloatArray]:
     return unshadowed(every, arms.shadow_half_angle)
 
 
-def thinned(zenith: FloatArray, columns: dict[str, FloatArray]) -> FloatArray:
+def thinned(zenith: FloatArray) -> FloatArray:
     """The run's sensor zeniths, from the first end to the last, at most about 17 of them, evenly."""
     distinct = np.unique(np.round(zenith, 6))
     step = int(np.ceil(len(distinct) / _MOST))

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from instrument.angles import FloatArray, direction
 from twin.diagnosis.acquisition import Acquisition, acquisition_of, travel_direction
 from twin.diagnosis.covariance import INDEPENDENT
+from twin.diagnosis.effects import Effect
 from twin.diagnosis.joint import OF_A_MOUNTING, OF_A_RUN
 from twin.diagnosis.observation import Observation
-from twin.diagnosis.responses import AnyResponse
+from twin.diagnosis.response import AnyResponse
 from twin.diagnosis.white_reference import prepare_white
 from twin.optics import COORDINATES
 
@@ -96,19 +97,23 @@ class Stage:
         return np.stack(kept, axis=1) if kept else np.zeros((len(self.observation), 0))
 
 
-def wider(bench: Bench, run: Observation, columns: dict[str, FloatArray]) -> Stage:
+def wider(
+    bench: Bench, run: Observation, columns: dict[str, FloatArray], effects: Sequence[Effect] | None = None
+) -> Stage:
     """The geometries of a run and others, rendered where they are not known yet.
 
     Parameters
     ----------
     columns
         Commanded geometries that the run lacks.
+    effects
+        By default the whole library.
     """
-    prepared = bench.prepare(extended(run, columns, bench))
+    prepared = bench.prepare(extended(run, columns, bench), effects=effects)
     return Stage.of(prepared, bench.facility, len(run))
 
 
-def white_stage(bench: Bench, run: Observation) -> Stage:
+def white_stage(bench: Bench, run: Observation, effects: Sequence[Effect]) -> Stage:
     """The white reference at the run's sensor directions, one illumination zenith; nothing is rendered."""
     light = run.columns["illumination_zenith"]
     values, counts = np.unique(np.round(light, 6), return_counts=True)
@@ -118,7 +123,7 @@ def white_stage(bench: Bench, run: Observation) -> Stage:
     components = {name: u / some.brf * factor for name, u in some.components.items()}
     brf = np.full(len(some), factor)
     reading = replace(some, brf=brf, u_brf=some.u_brf / some.brf * factor, components=components, signal_v=None)
-    prepared = prepare_white(bench, reading)
+    prepared = prepare_white(bench, reading, effects)
     found = Stage.of(prepared, bench.facility, 0)
     return replace(found, unlabelled=np.zeros((len(some), 0)), sample=WHITE)
 

@@ -20,14 +20,8 @@ from twin.diagnosis.effects import Effect, Known, ReadingEffect, SceneEffect, Ze
 from twin.diagnosis.nuisance import budget_columns
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.problem import Problem
-from twin.diagnosis.responses import (
-    ZENITH_NODES,
-    AnyResponse,
-    ComputedResponse,
-    Responses,
-    TabulatedResponse,
-    ZenithResponse,
-)
+from twin.diagnosis.response import ZENITH_NODES, AnyResponse, ComputedResponse, TabulatedResponse, ZenithResponse
+from twin.diagnosis.responses import Responses
 from twin.diagnosis.variation import Variation
 from twin.optics import Setup, lay_out, reference_change
 
@@ -42,7 +36,7 @@ _OF_THE_SAMPLE = ("anisotropy",)
 _FARTHEST = 0.3
 
 
-def prepare_white(bench: Bench, run: Observation, *, effects: Iterable[Effect] | None = None) -> Prepared:
+def prepare_white(bench: Bench, run: Observation, effects: Iterable[Effect] | None = None) -> Prepared:
     """A scan of the white reference made ready, beside those of the sample.
 
     Raises
@@ -61,20 +55,26 @@ def prepare_white(bench: Bench, run: Observation, *, effects: Iterable[Effect] |
         )
     nominal = np.full(len(run), factor)
     acquisition = acquisition_of(run, bench.facility)
-    found, ruled_out = white_responses(bench.workbench.known, acquisition, nominal, effects)
+    chosen = list(library().values() if effects is None else effects)
+    found, ruled_out = white_responses(bench.workbench.known, acquisition, nominal, chosen)
     # The plate has errors of placement of its own, which are no effect of the sample.
-    placed = white_responses(bench.workbench.known, acquisition, nominal, effects, placement=True)[0]
-    columns = budget_columns(placed, run)
+    placed = white_responses(bench.workbench.known, acquisition, nominal, chosen, placement=True)[0]
+    columns = {_label(label): column for label, column in budget_columns(placed, run).items()}
     budget = np.stack(list(columns.values()), axis=1)
     problem = Problem.of(run, nominal, np.full(len(run), 1e-5), budget, list(found.values()))
     return Prepared(problem, Responses(found, ruled_out), columns, bench.inputs, bench.facility)
+
+
+def _label(label: str) -> str:
+    """Errors of placement are the plate's, not the sample's."""
+    return f"white {label}" if label.startswith("sample_") else label
 
 
 def white_responses(
     known: Known,
     run: Acquisition,
     nominal: FloatArray,
-    effects: Iterable[Effect] | None = None,
+    effects: Iterable[Effect],
     *,
     placement: bool = False,
 ) -> tuple[dict[str, AnyResponse], dict[str, str]]:
@@ -90,7 +90,7 @@ def white_responses(
     found: dict[str, AnyResponse] = {}
     ruled_out: dict[str, str] = {}
     flux = _Flux(known.facility, run.columns, placement)
-    for effect in library().values() if effects is None else effects:
+    for effect in effects:
         missing = effect.missing(run)
         reason = effect.not_applicable(known) or (f"the run says nothing of {', '.join(missing)}" if missing else "")
         if reason:

@@ -1,0 +1,232 @@
+"""What a next scan is expected to say: against closed forms, and against what such a scan must be able to tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from synthetic_runs import Formula, Parameter, grid, nominal, observed
+
+from instrument.facility import read_facility
+from instrument.forms import parse_form, parse_toml
+from instrument.plan import PlanForm, make_plan
+from sim_fixtures.examples import example_files
+from twin.diagnosis.acquisition import Acquisition
+from twin.diagnosis.covariance import Structure
+from twin.diagnosis.followup import ranked
+from twin.diagnosis.next_explanations import Explanation, entropy, known_of
+from twin.diagnosis.next_information import Outlook
+from twin.diagnosis.next_plan import duration_of, plan_text
+from twin.diagnosis.next_scans import Scan, between, other_geometries, scans, thinned
+from twin.diagnosis.next_stage import Stage, read_again, taken_again
+from twin.diagnosis.problem import Problem
+
+PLANES = {30.0: (0.0, 90.0)}
+NOISE = 0.006
+TRAVEL = (0.0, 180.0)
+
+
+@dataclass(frozen=True)
+class Anywhere(Formula):
+    """An effect that knows itself in other scans: its size times the arm's direction of travel, or everywhere alike."""
+
+    turns: bool = False
+
+    def again(self, run: Acquisition, rows: np.ndarray) -> Anywhere:
+        way = run.travel if self.turns else np.ones(len(rows))
+        return replace(self, function=lambda values: values[:, :1] * way)
+
+
+def constant(name: str, *, turns: bool = False, count: int = 0) -> Anywhere:
+    """The logarithm of the reading moves by the parameter; a run from + to - travels in the direction -1."""
+    way = -1.0 if turns else 1.0
+    parameters = (Parameter("amount", 0.02, (-0.3, 0.3)),)
+    return Anywhere(name, parameters, lambda values: values[:, :1] * np.full(count, way), turns=turns)
+
+
+def stage(library: list[Anywhere]) -> tuple[Problem, Stage]:
+    """A run whose errors are noise alone, and itself as the geometries of the next scan."""
+    columns = grid(PLANES, 20.0)
+    expected = nominal(columns)
+    run = replace(observed(columns), components={"noise": NOISE * expected, "stability": np.zeros(len(expected))})
+    count = len(run)
+    nothing = np.zeros((count, 1))
+    problem = replace(
+        Problem.of(run, expected, np.full(count, 1e-9), nothing, library),
+        structures=[Structure("none", 1.0, np.eye(count) * NOISE**2)],
+    )
+    taken = Acquisition(
+        columns, np.ones(count), 15.0, np.zeros(1), np.arange(count), np.full(count, -1.0), np.linspace(0, 1, count)
+    )
+    responses = {one.name: one for one in library}
+    return problem, Stage(run, taken, responses, {}, nothing, np.full(count, 1e-9), count)
+
+
+def explained(name: str, probability: float, value: float, u: float = 0.0) -> Explanation:
+    names = (name,) if name else ()
+    values = np.array([value]) if name else np.zeros(0)
+    return Explanation(
+        names, False, probability, values, np.diag(u**2 * np.ones(len(names))), (1,) * len(names), MEMBER
+    )
+
+
+MEMBER = (((0, None), 1.0),)
+
+
+def two_normals(distance: float) -> float:
+    """Mutual information of a fair choice between two normal distributions so many standard deviations apart."""
+
+    def loss(z: float) -> float:
+        x = distance**2 / 2 + distance * z
+        return np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) * np.logaddexp(0.0, -x)
+
+    return np.log(2) - quad(loss, -10, 10)[0]
+
+
+@pytest.mark.parametrize("points", [1, 4, 8])
+def test_information_about_two_explanations_is_that_of_two_normal_distributions(points: int):
+    library = [constant("shift", count=18)]
+    problem, here = stage(library)
+    size = 0.006
+    leading = [explained("shift", 0.5, size), explained("", 0.5, 0.0)]
+    # The run itself agrees with both: its readings are left out of what the scan is expected to say.
+    worth = Outlook(problem, [here], leading).worth(Scan("", "", np.arange(points)), draws=4000)
+    distance = size / NOISE * np.sqrt(points)
+    assert worth.information == pytest.approx(two_normals(distance), abs=0.015)
+    assert worth.gains[0, 1] == pytest.approx(distance**2 / 2, rel=0.1)
+    assert worth.gains[1, 0] == pytest.approx(distance**2 / 2, rel=0.1)
+
+
+def test_a_parameter_that_the_run_leaves_open_says_less():
+    library = [constant("shift", count=18)]
+    problem, here = stage(library)
+    scan = Scan("", "", np.arange(8))
+
+    def information(u: float) -> float:
+        leading = [explained("shift", 0.5, 0.01, u), explained("", 0.5, 0.0)]
+        return Outlook(problem, [here], leading).worth(scan, draws=1500).information
+
+    assert information(0.0) > information(0.01) + 0.1
+
+
+def test_only_the_opposite_direction_tells_what_depends_on_the_direction():
+    library = [constant("always", count=18), constant("play", turns=True, count=18)]
+    problem, here = stage(library)
+    leading = [explained("always", 0.5, 0.01), explained("play", 0.5, -0.01)]
+    outlook = Outlook(problem, [here], leading)
+    found = {scan.kind: outlook.worth(scan) for scan in scans([here])}
+    assert found["as it was"].information == pytest.approx(0.0, abs=1e-9)
+    assert found["dimmed"].information == pytest.approx(0.0, abs=1e-9)
+    assert found["reversed"].information == pytest.approx(np.log(2), abs=0.02)
+    assert found["reversed"].right > 0.98
+    best, *others = ranked(outlook, read_facility(example_files().facility), 3)
+    assert best.scan.kind in ("reversed", "serpentine")
+    assert all(one.rate <= best.rate for one in others)
+    assert best.separates == (("always", "play"),)
+    assert all(one.scan.kind != "as it was" for one in others)
+
+
+def test_budget_that_run_and_scan_share_does_not_hide_a_difference_in_direction():
+    """An error common to both cancels; one that is drawn anew in the scan does not."""
+    library = [constant("always", count=18), constant("play", turns=True, count=18)]
+    problem, here = stage(library)
+    leading = [explained("always", 0.5, 0.01), explained("play", 0.5, -0.01)]
+    back = Scan("", "", np.arange(8)[::-1])
+    column = np.full(len(problem.run), 0.02)
+    reading = replace(problem, run=replace(problem.run, brf=problem.nominal * np.exp(0.01)))
+
+    def information(label: str) -> float:
+        return Outlook(reading, [replace(here, labelled={label: column})], leading).worth(back).information
+
+    assert information("sensor_zenith_offset angle_deg") > information("scale") + 0.1
+
+
+def test_entropy_bounds_what_a_scan_can_say():
+    library = [constant("shift", count=18)]
+    problem, here = stage(library)
+    leading = [explained("shift", 0.9, 0.1), explained("", 0.1, 0.0)]
+    worth = Outlook(problem, [here], leading).worth(Scan("", "", np.arange(8)))
+    assert worth.information == pytest.approx(entropy(leading), rel=1e-3)
+    assert entropy(leading) == pytest.approx(-0.9 * np.log(0.9) - 0.1 * np.log(0.1))
+
+
+def test_explanations_by_effects_that_a_stage_does_not_know_are_left_out():
+    leading = [explained("a", 0.6, 1.0), explained("b", 0.3, 1.0), explained("", 0.1, 0.0)]
+    kept = known_of(leading, ["a"])
+    assert [one.label for one in kept] == ["a", "none"]
+    assert [one.probability for one in kept] == pytest.approx([6 / 7, 1 / 7])
+
+
+def test_nothing_is_proposed_where_one_explanation_is_left():
+    problem, here = stage([constant("shift", count=18)])
+    assert ranked(Outlook(problem, [here], [explained("shift", 1.0, 0.01)]), None, 3) == []
+
+
+def test_a_dimmed_scan_has_more_noise_and_less_current():
+    _, here = stage([constant("shift", count=18)])
+    here = replace(here, acquisition=replace(here.acquisition, reference_current=1e-6))
+    rows = np.array([3, 2, 1])
+    np.testing.assert_allclose(
+        read_again(here, rows, 0.25).components["noise"], 4 * here.observation.components["noise"][rows]
+    )
+    taken = taken_again(here, rows, 0.25)
+    assert taken.reference_current == 0.25e-6
+    # The run went down; its points in the opposite order go up.
+    np.testing.assert_array_equal(taken.travel, [1, 1, 1])
+    np.testing.assert_array_equal(taken.previous, [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "expected"),
+    [
+        ([0.0, 90.0], [45.0, 135.0]),
+        ([0.0, 60.0, 120.0], [30.0, 90.0]),
+        ([0.0], [90.0]),
+        ([0.0, 45.0, 90.0, 135.0, 180.0], [22.5, 67.5]),
+        ([10.0, 100.0], [55.0, 145.0]),
+    ],
+)
+def test_other_planes_lie_in_the_widest_gaps(azimuths: list[float], expected: list[float]):
+    assert between(np.array(azimuths), TRAVEL) == expected
+
+
+def test_other_planes_stay_within_the_travel_of_the_arm():
+    assert between(np.array([0.0, 90.0]), (0.0, 100.0)) == [45.0]
+
+
+def test_other_geometries_are_none_of_the_run_and_none_in_the_shadow():
+    arms = read_facility(example_files().facility).arms
+    run = observed(grid(PLANES, 10.0))
+    found = other_geometries(run, arms)
+    rows = {tuple(row) for row in np.stack(list(run.columns.values()), axis=1)}
+    assert not rows & {tuple(found[name][k] for name in run.columns) for k in range(len(found["wavelength"]))}
+    light, zenith, azimuth = (found[n] for n in ("illumination_zenith", "sensor_zenith", "sensor_azimuth"))
+    assert set(light) == {30.0, 45.0, 60.0}
+    assert not np.any((azimuth == 0) & (np.abs(zenith - light) < arms.shadow_half_angle))
+    assert set(azimuth[light == 30]) == {45.0, 135.0}
+
+
+def test_long_slices_are_thinned_evenly_and_keep_their_direction():
+    zenith = np.arange(80.0, -81.0, -5.0)
+    found = thinned(zenith)
+    assert len(found) == 17
+    assert set(np.diff(found)) == {-10.0}
+    assert list(thinned(zenith[::-1])) == list(found[::-1])
+
+
+def test_plan_has_the_points_of_the_scan_in_their_order(tmp_path):
+    facility = read_facility(example_files().facility)
+    _, here = stage([constant("shift", count=18)])
+    back_and_forth = next(scan for scan in scans([here]) if scan.kind == "serpentine")
+    columns = {name: column[back_and_forth.rows] for name, column in here.observation.columns.items()}
+    text = plan_text('a "quoted" title', columns, "with a quarter of the light")
+    plan = make_plan(parse_form(parse_toml(text, "x"), PlanForm, "x"), facility, "x")
+    for name, column in columns.items():
+        np.testing.assert_allclose([getattr(point, name) for point in plan.points], column)
+    assert plan.title == 'a "quoted" title'
+    assert plan.record.remarks == "with a quarter of the light"
+    half = plan_text("", {name: column[: len(back_and_forth.rows) // 2] for name, column in columns.items()})
+    # What does not grow with the points (homing, reference) is paid once.
+    assert duration_of(half, facility) < duration_of(text, facility) < 2 * duration_of(half, facility)
