@@ -16,12 +16,20 @@ from instrument.errors import InputError
 from instrument.facility import Facility
 from instrument.plane_flux import plane_flux
 from twin.diagnosis.acquisition import Acquisition, acquisition_of
-from twin.diagnosis.effects import Effect, Known, ReadingEffect, SceneEffect, ZenithEffect, library
+from twin.diagnosis.effects import AzimuthEffect, Effect, Known, ReadingEffect, SceneEffect, ZenithEffect, library
 from twin.diagnosis.nuisance import budget_columns
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.problem import Problem
-from twin.diagnosis.response import ZENITH_NODES, AnyResponse, ComputedResponse, TabulatedResponse, ZenithResponse
-from twin.diagnosis.responses import Responses
+from twin.diagnosis.responses import (
+    AZIMUTH_NODES,
+    ZENITH_NODES,
+    AnyResponse,
+    AzimuthResponse,
+    ComputedResponse,
+    Responses,
+    TabulatedResponse,
+    ZenithResponse,
+)
 from twin.diagnosis.variation import Variation
 from twin.optics import Setup, lay_out, reference_change
 
@@ -111,6 +119,9 @@ def _response(effect: Effect, known: Known, run: Acquisition, nominal: FloatArra
             return reference_change(known.facility, setup)
 
         return ZenithResponse(effect, parameters, run, table, np.zeros_like(table), change)
+    if isinstance(effect, AzimuthEffect):
+        table = np.stack([flux.log_ratio(Setup(sensor_azimuth_deg=float(node))) for node in AZIMUTH_NODES])
+        return AzimuthResponse(effect, parameters, run, table, np.zeros_like(table))
     if isinstance(effect, SceneEffect):
         axes = effect.axes(parameters)
         variations = [effect.variation(np.array(row)) for row in product(*axes)]
