@@ -35,7 +35,11 @@ EXECUTED = (
     r"goniotwin report runs/first ",
 )
 SHELL = ("git", "cd", "cp", "source", "pip", "export")
-INSTEAD = {"--speed 120": "--speed 400 --no-twin", "--out prediction.nc": "--out prediction.nc --standard-error 0.01"}
+INSTEAD = {
+    "--speed 120": "--speed 400 --no-twin",
+    "--out prediction.nc": "--out prediction.nc --standard-error 0.01",
+    " --pdf first.pdf": "",
+}
 #: Only parsed, and why.
 PARSED_ONLY = {
     r"git clone |cd goniotwin|source ": "of a shell and of a copy that is not there yet",
