@@ -168,6 +168,7 @@ def run(count: int, rate: float, page: str, warm: int) -> dict[str, Any]:
     window = MainWindow(lambda listener, plan: NoScan(), settings, setup=Setup(simulate=True))
     keep_collections_short(window)
     window.show()
+    window.prepare()
     points = points_of(count)
     begin(window, points)
     tabs: Any = getattr(window.page("watch"), "tabs")  # noqa: B009 - of this page only

@@ -20,9 +20,13 @@ def gui(
     out: Annotated[Path | None, typer.Option(help="Run folder.")] = None,
     twin: Annotated[bool, typer.Option("--twin/--no-twin", help="Predict every reading live.")] = True,
     screenshots: Annotated[
-        Path | None, typer.Option(help="Open no window: save pictures of every page here, at 100 % and 200 %.")
+        Path | None,
+        typer.Option(help="No window: save pictures of every page here, 100 % and 200 %, light and dark."),
     ] = None,
     shown: Annotated[Path | None, typer.Option(help="Run folder that the pictures show; else a small scan.")] = None,
+    diagnosed: Annotated[
+        Path | None, typer.Option(help="Run folder whose diagnosis the pictures show; else that of the run shown.")
+    ] = None,
 ) -> None:
     """Open the operator's window."""
     from gui.application import load_qt
@@ -31,7 +35,7 @@ def gui(
     if screenshots is not None:
         from gui.pictures import take_all
 
-        raise typer.Exit(take_all(screenshots, shown))
+        raise typer.Exit(take_all(screenshots, shown, diagnosed))
     from gui.run import Options, run
 
     options = Options(plan, simulate, speed, seed, devices, facility, artifact, material, out, twin)

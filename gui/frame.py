@@ -31,7 +31,7 @@ from gui.setup import Setup
 from gui.work import Work
 
 _HELP = "Ctrl+1 … 8 pages   F5 start   F6 pause   F7 resume   F8 abort   F12 HALT"
-_PREPARED_MS = 400  # after which pages that nobody has seen are laid out, one in a pass of the event loop
+_PREPARED_MS = 400
 
 
 class Frame(QMainWindow):
@@ -79,7 +79,7 @@ class Frame(QMainWindow):
     def across(self) -> QSplitter:
         """Between planes and plots."""
         page: Any = self.page("watch")
-        splitter: QSplitter = page.across
+        splitter: QSplitter = page.split
         return splitter
 
     # Layout
@@ -224,16 +224,18 @@ class Frame(QMainWindow):
         if not self._laid_out:
             self._laid_out = True
             QTimer.singleShot(0, self, self._restore_splitters)
-            self._unseen = [page for page in self.pages if page is not self.stack.currentWidget()]
-            QTimer.singleShot(_PREPARED_MS, self, self._prepare)
 
-    def _prepare(self) -> None:
-        """Lay one page out before it is first shown, so that changing pages never holds a scan's pictures up."""
+    def prepare(self) -> None:
+        """Lay the pages that nobody has seen out, one in a pass of the loop: changing pages then holds nothing up."""
+        self._unseen = [page for page in self.pages if page is not self.stack.currentWidget()]
+        QTimer.singleShot(_PREPARED_MS, self, self._prepare_one)
+
+    def _prepare_one(self) -> None:
         if self._unseen and not self.model.connected:
             page = self._unseen.pop(0)
             page.resize(self.stack.size())
             page.grab()
-            QTimer.singleShot(0, self, self._prepare)
+            QTimer.singleShot(0, self, self._prepare_one)
 
     def _restore_splitters(self) -> None:
         value = self._settings.value("down")

@@ -11,7 +11,7 @@ from instrument.errors import InputError
 if TYPE_CHECKING:  # what reads runs takes a second to load: that is done on the thread
     from instrument.run_archive import Overview
 
-REPORT_NAME, DIAGNOSIS_NAME = "diagnosis.html", "diagnosis.json"
+REPORT_NAME, DIAGNOSIS_NAME, TWIN_NAME = "diagnosis.html", "diagnosis.json", "corrected-twin.toml"
 #: Outcomes after which a run can go on.
 RESUMABLE = ("interrupted", "aborted", "halted", "faulted")
 

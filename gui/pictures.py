@@ -1,4 +1,4 @@
-"""Pictures of every page at 100 % and 200 %, for the guide: ``goniotwin gui --screenshots DIR``.
+"""Pictures of every page at 100 % and 200 %, light and dark, for the guide: ``goniotwin gui --screenshots DIR``.
 
 One run is shown everywhere: a run folder that is named, or a small scan of the simulated laboratory. Each scaling has
 a process of its own, as Qt reads it once.
@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from gui.past_runs import DIAGNOSIS_NAME, REPORT_NAME, TWIN_NAME
 from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE
 
 SCALES = (1, 2)
@@ -32,21 +33,28 @@ sensor_zenith = { start = -75.0, stop = 75.0, step = 15.0 }
 """
 
 
-def take_all(folder: Path, run: Path | None) -> int:
+def take_all(folder: Path, run: Path | None, diagnosed: Path | None = None) -> int:
     """Take every picture; returns the exit status.
 
     Parameters
     ----------
     run
         Folder of the run to show; None measures a small plan first.
+    diagnosed
+        Folder of a run with a diagnosis, for the page Understand; None diagnoses the run that is shown.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="goniotwin-pictures-") as name:
         home = Path(name)
         run = _measure(home) if run is None else Path(shutil.copytree(run, home / "runs" / run.resolve().name))
+        understood = home / "understood" if diagnosed is not None else run
+        if diagnosed is not None:
+            shutil.copytree(diagnosed, understood)
+        elif not (run / DIAGNOSIS_NAME).is_file():
+            _diagnose(run)
         for scale in SCALES:
             environment = os.environ | {"QT_SCALE_FACTOR": str(scale), "QT_QPA_PLATFORM": "offscreen"}
-            where = [str(run.relative_to(home)), str(folder.absolute()), str(scale)]
+            where = [str(run.relative_to(home)), str(understood.relative_to(home)), str(folder.absolute()), str(scale)]
             command = [sys.executable, "-m", "gui.pictures", *where]
             if subprocess.run(command, env=environment, cwd=home, check=False).returncode != 0:
                 return EXIT_INCOMPLETE
@@ -63,7 +71,13 @@ def _measure(folder: Path) -> Path:
     return run
 
 
-def take(run: Path, folder: Path, scale: int) -> None:
+def _diagnose(run: Path) -> None:
+    command = [sys.executable, "-m", "instrument", "diagnose", str(run), "--json", str(run / DIAGNOSIS_NAME)]
+    command += ["--report", str(run / REPORT_NAME), "--save-twin", str(run / TWIN_NAME)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+
+def take(run: Path, understood: Path, folder: Path, scale: int) -> None:
     """Take the pictures at one scaling."""
     from PySide6.QtCore import QSettings
 
@@ -87,9 +101,12 @@ def take(run: Path, folder: Path, scale: int) -> None:
             time.sleep(0.01)
 
     def shoot(name: str) -> None:
-        wait()
-        window.settle()
-        window.grab().save(str(folder / f"{name}-{100 * scale}.png"))
+        """In both palettes."""
+        for palette, mark in (("dark", "-dark"), ("light", "")):
+            window.use_palette(palette)  # type: ignore[arg-type]
+            wait()
+            window.settle()
+            window.grab().save(str(folder / f"{name}{mark}-{100 * scale}.png"))
 
     pages: dict[str, Any] = {page.name: page for page in window.pages}
     window.show_page("start")
@@ -116,7 +133,7 @@ def take(run: Path, folder: Path, scale: int) -> None:
         pages["watch"].tabs.setCurrentIndex(number)
         wait(at_most=1.0)
         shoot(f"6-watch-{name}")
-    pages["understand"].hear(f"run:{run}")
+    pages["understand"].hear(f"run:{understood}")
     window.show_page("understand")
     shoot("7-understand")
     window.show_page("runs")
@@ -124,10 +141,23 @@ def take(run: Path, folder: Path, scale: int) -> None:
     names = [each.folder.name for each in pages["runs"]._shown]
     pages["runs"].table.selectRow(names.index(run.name))
     shoot("8-runs")
-    window.use_palette("dark")
-    window.show_page("watch")
-    pages["watch"].tabs.setCurrentIndex(0)
-    shoot("9-watch-dark")
+    _ask(window)
+    window.show_page("calibration")
+    shoot("9-question")
+
+
+def _ask(window: Any) -> None:
+    """A question of a procedure, as it stands above every page."""
+    from gui.notices import ControllerClosed, OperatorAsked, ProcedureStarted
+    from instrument.prompts import Prompt
+
+    window.bridge.on_event(ControllerClosed())
+    window.bridge.on_event(ProcedureStarted("Alignment"))
+    text = "Turn the micrometer of the sample holder until the laser grazes the surface. Read the micrometer."
+    title = "Bring the sample's surface into the laser's plane"
+    prompt = Prompt(key="align:level", title=title, text=text, kind="number", unit="mm", lower=0.0, upper=50.0)
+    window.bridge.on_event(OperatorAsked(prompt))
+    window.settle()
 
 
 def _nothing(listener: object, plan: Path | None) -> Any:
@@ -166,6 +196,7 @@ def _play(window: Any, run: Path, wait: Any) -> None:
 
 
 if __name__ == "__main__":
-    take(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    shown_run, understood_run, into = (Path(word) for word in sys.argv[1:4])
+    take(shown_run, understood_run, into, int(sys.argv[4]))
     sys.stdout.flush()
     os._exit(0)

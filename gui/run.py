@@ -86,6 +86,7 @@ def run(options: Options) -> int:
     if running := live_sessions():
         window.join(RemoteController(window.bridge, folder=running[-1].folder))
     window.show()
+    window.prepare()
     status = application.exec()
     heart.stop()
     for each in controllers:  # a scan that runs goes on in its own process

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from PySide6.QtCore import QSettings, Qt, Signal
-from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtCore import QByteArray, QSettings, Qt, Signal
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitter, QVBoxLayout, QWidget
 
 from gui.model import Changes, ScanModel
 from gui.notices import Notice
@@ -107,6 +107,47 @@ class Page(QWidget):
 
     def remember(self, settings: QSettings) -> None:
         """Keep the layout for next time."""
+
+
+class SplitPage(Page):
+    """A page of two parts, whose widths are remembered."""
+
+    def stand(self, left: QWidget, *right: QWidget, sizes: tuple[int, int]) -> None:
+        """Put the parts beside each other, with these widths (logical pixels) at first."""
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        self.split = QSplitter(Qt.Orientation.Horizontal)
+        self.split.setHandleWidth(8)
+        self.split.setChildrenCollapsible(False)
+        for widget in (left, *right):
+            self.split.addWidget(widget)
+        self.split.setStretchFactor(1, 1)
+        self.split.setSizes(list(sizes))
+        row.addWidget(self.split)
+
+    def restore(self, settings: QSettings) -> None:
+        """Take up the layout of last time."""
+        value = settings.value(f"{self.name}/split")
+        if isinstance(value, QByteArray):
+            self.split.restoreState(value)
+
+    def remember(self, settings: QSettings) -> None:
+        """Keep the layout for next time."""
+        settings.setValue(f"{self.name}/split", self.split.saveState())
+
+
+def stacked(panels: Sequence[Panel], width: int = 0) -> QWidget:
+    """Panels one above the other, at least so wide; what is left of the height goes to those that stretch."""
+    widget = QWidget()
+    widget.setMinimumWidth(width)
+    stack = QVBoxLayout(widget)
+    stack.setContentsMargins(0, 0, 0, 0)
+    stack.setSpacing(8)
+    for panel in panels:
+        stack.addWidget(panel, panel.stretch)
+    if not any(panel.stretch for panel in panels):
+        stack.addStretch(1)
+    return widget
 
 
 def card(title: str = "", margins: int = 12) -> tuple[QFrame, QVBoxLayout]:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QFileDialog, QFormLayout, QFrame, QHBoxLayout, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFileDialog,
+    QFormLayout,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QWidget,
+)
 
 from gui.pages.base import Desk
 from gui.panels.base import quiet
@@ -36,12 +46,19 @@ class RunForm(QFrame):
         form = QFormLayout(self)
         form.setContentsMargins(12, 10, 12, 10)
         self.lines: dict[str, QLineEdit] = {}
-        for key, label in (("operator", "Operator"), ("sample", "Sample")):
-            self.lines[key] = QLineEdit()
-            self.lines[key].setPlaceholderText("kept with the run")
-            self.lines[key].setAccessibleName(label)
-            self.lines[key].textEdited.connect(lambda text, key=key: self._write(key, text))
-            form.addRow(label, self.lines[key])
+        for keys in (("operator", "sample"), ("project", "remarks")):
+            pair = QHBoxLayout()
+            for key in keys:
+                line = QLineEdit()
+                line.setMaxLength(1000)
+                line.setPlaceholderText("kept with the run")
+                line.setAccessibleName(key.capitalize())
+                line.textEdited.connect(lambda text, key=key: self._write(key, text))
+                self.lines[key] = line
+                if key == keys[1]:
+                    pair.addWidget(QLabel(key.capitalize()))
+                pair.addWidget(line, 1)
+            form.addRow(keys[0].capitalize(), pair)
         self.desk.setup.operator = self.desk.setup.operator or str(desk.settings.value("operator", ""))
         self.lines["out"] = QLineEdit()
         self.lines["out"].setPlaceholderText(f"a new folder in {desk.setup.runs}/")

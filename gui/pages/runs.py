@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui import marks, words
+from gui.child import Child
 from gui.compare_window import CompareWindow
 from gui.model import Changes
 from gui.pages.base import Desk, Page, card, explained
@@ -32,6 +33,8 @@ from gui.work import Work
 from instrument.states import FINAL
 
 _HEADS = ("Started (UTC)", "Title", "Points", "State", "Operator", "Sample", "Figures", "Folder")
+REPORT_NAME = "report.html"
+_WORDS_KEPT = 1000  # characters of what the report's process says
 _PICTURE, _PICTURES = QSize(180, 110), 24  # size and number of the figures that are listed
 #: State of a run: sign and tone.
 _STATES = {
@@ -58,6 +61,10 @@ class RunsPage(Page):
         self._shown: list[PastRun] = []
         self._list, self._open, self._read = Work(self), Work(self), Work(self)
         self._read.finished.connect(self._show_figures)
+        self._child = Child(self)
+        self._child.said.connect(self._hear_child)
+        self._child.ended.connect(self._report_ended)
+        self._reported, self._words = Path(REPORT_NAME), ""
         self._list.finished.connect(self._show)
         self._open.finished.connect(lambda task: task())
         self._open.failed.connect(self._complain)
@@ -124,7 +131,7 @@ class RunsPage(Page):
             ("compare", "Compare", "Two chosen runs side by side (Ctrl+click chooses the second)", self._compare),
             ("resume", "Go on with it", "Measure the points that are missing", self._resume),
             ("diagnose", "Diagnose", "Say where, why and how far the run differs from its simulation", self._diagnose),
-            ("report", "Report", "Open the report of the diagnosis", self._report),
+            ("report", "Report", "Write the run up as one page (report.html) and open it", self._report),
             ("folder", "Folder", "Open the run folder", self._folder),
         ):
             button = QPushButton(text)
@@ -211,7 +218,7 @@ class RunsPage(Page):
         self.buttons["compare"].setEnabled(len(chosen) == 2)
         self.buttons["resume"].setEnabled(one is not None and one.resumable and not self.model.busy)
         self.buttons["diagnose"].setEnabled(readable)
-        self.buttons["report"].setEnabled(one is not None and one.report is not None)
+        self.buttons["report"].setEnabled(readable and not self._child.running)
         self.buttons["folder"].setEnabled(one is not None)
         self.figures.clear()
         paths = one.figures[:_PICTURES] if one else ()
@@ -295,9 +302,23 @@ class RunsPage(Page):
             self.go.emit("understand")
 
     def _report(self) -> None:
-        for run in self.chosen():
-            if run.report is not None:
-                QDesktopServices.openUrl(QUrl.fromLocalFile(str(run.report.resolve())))
+        """Write the report, in a process of its own; it is opened when it is there."""
+        for run in self.chosen()[:1]:
+            self._reported, self._words = run.folder / REPORT_NAME, ""
+            self._child.run("instrument", ["report", str(run.folder), "--force"])
+            self.said.emit(f"Writing {words.place(self._reported)}…")
+            self._choose()
+
+    def _report_ended(self, status: int) -> None:
+        if status == 0:
+            self.said.emit(f"Written: {words.place(self._reported)}")
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(self._reported.resolve())))
+        self._choose()
+        if status != 0:
+            self._say(f"⚠ No report: {' '.join(self._words.split()) or f'status {status}'}")
+
+    def _hear_child(self, text: str) -> None:
+        self._words = (self._words + text)[-_WORDS_KEPT:]
 
     def _folder(self) -> None:
         for run in self.chosen():

@@ -6,39 +6,36 @@ import copy
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import (
     QComboBox,
     QFileDialog,
-    QFormLayout,
     QHBoxLayout,
     QLabel,
     QLineEdit,
     QPushButton,
     QSpinBox,
-    QSplitter,
     QVBoxLayout,
     QWidget,
 )
 
 from gui import marks, words
 from gui.model import Changes
-from gui.pages.base import Desk, Page, card, explained, scrolled
+from gui.pages.base import Desk, SplitPage, card, explained, scrolled
+from gui.pages.plan_points import PlanPoints
 from gui.pages.plan_table import PlanTableView
 from gui.pages.run_form import RunForm
-from gui.panels.base import quiet, value
+from gui.panels.base import quiet
 from gui.plan_cells import PlanDraft
 from gui.plan_check import Checked, Wrong, check_draft, limits_of
-from gui.polar_map import PolarMap, Spot
 from gui.theme import Theme
 from gui.work import Work
 from instrument.errors import InputError
 
-_LEGEND = "○ planned, in the order of the dotted line   × blocked   ✳ light. Point at one to read it."
 _WAIT_MS = 250  # after the last key, before the whole plan is checked
 
 
-class SetupPage(Page):
+class SetupPage(SplitPage):
     """Plan table and run form on the left, the points on the right."""
 
     name = "setup"
@@ -51,7 +48,6 @@ class SetupPage(Page):
         super().__init__(desk)
         self.draft = PlanDraft()
         self.checked: Checked | None = None
-        self._shown: list[Any] = []
         self._work = Work(self)
         self._work.finished.connect(self._show_check)
         self._work.failed.connect(lambda error: self._show_check(Wrong(explained(error))))
@@ -59,16 +55,11 @@ class SetupPage(Page):
         self._soon.setSingleShot(True)
         self._soon.setInterval(_WAIT_MS)
         self._soon.timeout.connect(self.check)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        self.split = QSplitter(Qt.Orientation.Horizontal)
-        self.split.setHandleWidth(8)
-        self.split.addWidget(scrolled(self._left()))
-        self.split.addWidget(self._right())
-        self.split.setStretchFactor(0, 3)
-        self.split.setStretchFactor(1, 2)
-        self.split.setSizes([700, 520])
-        row.addWidget(self.split)
+        self.points = PlanPoints(self.desk.theme)
+        self.points.start.clicked.connect(lambda: self.asked.emit("start"))
+        self.facts, self.map = self.points.facts, self.points.map
+        self.readout, self.start = self.points.readout, self.points.start
+        self.stand(scrolled(self._left()), self.points, sizes=(700, 520))
         self.hear("plan")
 
     # Layout
@@ -142,33 +133,6 @@ class SetupPage(Page):
         self.form.changed.connect(lambda: self.told.emit("setup"))
         column.addWidget(self.form)
         return left
-
-    def _right(self) -> QWidget:
-        frame, body = card("What the plan measures")
-        self.facts: dict[str, QLabel] = {}
-        form = QFormLayout()
-        for name in ("Points", "Blocked", "Takes about", "Arms move"):
-            self.facts[name] = value("–")
-            self.facts[name].setWordWrap(True)
-            form.addRow(quiet(name), self.facts[name])
-        body.addLayout(form)
-        self.choice = QComboBox()
-        self.choice.setAccessibleName("Illumination that the map shows")
-        self.choice.currentIndexChanged.connect(lambda _: self._show_points())
-        body.addWidget(self.choice)
-        self.map = PolarMap(self.desk.theme)
-        self.map.pointed.connect(self._pointed)
-        body.addWidget(self.map, 1)
-        self.readout = quiet()
-        self.readout.setWordWrap(True)
-        body.addWidget(self.readout)
-        self._pointed(-1)
-        self.start = QPushButton("Start this plan  F5")
-        self.start.setProperty("role", "main")
-        self.start.setMinimumHeight(40)
-        self.start.clicked.connect(lambda: self.asked.emit("start"))
-        body.addWidget(self.start)
-        return frame
 
     # Files
 
@@ -332,50 +296,11 @@ class SetupPage(Page):
         detours = f", {summary['detours']} ways around the shadow cone" if summary["detours"] else ""
         self.facts["Arms move"].setText(f"{words.duration(summary['moving_time_s'])}{detours}")
         self.start.setEnabled(self._can_start())
-        self._show_illuminations(plan)
+        self.points.show_plan(plan)
 
     def _can_start(self) -> bool:
         saved = self.draft.path is not None and not self._dirty
         return saved and self.checked is not None and not self.model.busy
-
-    def _show_illuminations(self, plan: Any) -> None:
-        points = [*plan.points, *(each.geometry for each in plan.blocked)]
-        keys = dict.fromkeys((p.wavelength, p.illumination_zenith, p.illumination_azimuth) for p in points)
-        before = self.choice.currentText()
-        self.choice.blockSignals(True)
-        self.choice.clear()
-        for wavelength, zenith, azimuth in keys:
-            side = f", azimuth {words.angle(azimuth)}" if azimuth else ""
-            self.choice.addItem(
-                f"{wavelength:g} nm, illumination zenith {words.angle(zenith)}{side}", (wavelength, zenith, azimuth)
-            )
-        self.choice.setCurrentIndex(max(self.choice.findText(before), 0))
-        self.choice.blockSignals(False)
-        self._show_points()
-
-    def _show_points(self) -> None:
-        key = self.choice.currentData()
-        if self.checked is None or key is None:
-            return
-        key = tuple(key)
-        plan = self.checked.plan
-        mine = [(p, "") for p in plan.points]
-        mine += [(each.geometry, each.reason) for each in plan.blocked]
-        self._shown = [
-            (p, why) for p, why in mine if (p.wavelength, p.illumination_zenith, p.illumination_azimuth) == key
-        ]
-        spots = [Spot(p.sensor_zenith, p.sensor_azimuth, "blocked" if why else "planned") for p, why in self._shown]
-        self.map.show_spots(spots, (key[1], key[2]), path=True)
-
-    def _pointed(self, index: int) -> None:
-        if not 0 <= index < len(self._shown):
-            self.readout.setText(
-                "○ planned, in the order of the dotted line   × blocked   ✳ light. Point at one to read it."
-            )
-            return
-        point, why = self._shown[index]
-        text = f"sensor zenith {words.angle(point.sensor_zenith)}, azimuth {words.angle(point.sensor_azimuth)}"
-        self.readout.setText(f"{text}: blocked, {why}" if why else f"{text}: number {index + 1} of this illumination")
 
     # As every page
 
@@ -389,16 +314,6 @@ class SetupPage(Page):
         self.table.theme = theme
         self.table.fill()
         self.map.set_theme(theme)
-
-    def restore(self, settings: QSettings) -> None:
-        """Take up the layout of last time."""
-        split = settings.value("setup/split")
-        if isinstance(split, QByteArray):
-            self.split.restoreState(split)
-
-    def remember(self, settings: QSettings) -> None:
-        """Keep the layout for next time."""
-        settings.setValue("setup/split", self.split.saveState())
 
 
 PAGE = SetupPage

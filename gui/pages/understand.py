@@ -31,11 +31,10 @@ from gui.diagnosis_words import how_far_of, next_of, next_plan_of, verdict_of, w
 from gui.model import Changes
 from gui.pages.base import Desk, Page, card, explained, scrolled
 from gui.panels.base import quiet
-from gui.past_runs import DIAGNOSIS_NAME, REPORT_NAME
+from gui.past_runs import DIAGNOSIS_NAME, REPORT_NAME, TWIN_NAME
 from gui.work import Work
 from instrument.request import ARTIFACT_NAME, FACILITY_NAME, PLAN_NAME, material_of
 
-TWIN_NAME = "corrected-twin.toml"
 _EFFECTS = ("Effect", "Probability", "How large", "Cannot be told from")
 _LAST_WORDS = 6
 
@@ -276,8 +275,10 @@ class UnderstandPage(Page):
         self.report.setEnabled(folder is not None and (folder / REPORT_NAME).is_file())
         twin = folder is not None and (folder / TWIN_NAME).is_file() and bool(found.get("effects"))
         self.apply.setEnabled(twin)
-        self.load.setEnabled(bool(found) and folder is not None and (folder / PLAN_NAME).is_file())
-        self.load.setText("Load the next plan" if next_plan_of(found) else "Make the next plan of this one")
+        proposed = bool(next_plan_of(found))
+        planned = folder is not None and (folder / PLAN_NAME).is_file()
+        self.load.setEnabled(bool(found) and (proposed or planned))
+        self.load.setText("Load the next plan" if proposed else "Make the next plan of this one")
         if found:
             verdict, theme = verdict_of(found), self.desk.theme
             self.verdict_sign.setPixmap(marks.pixmap(verdict.sign, theme.tone(verdict.tone), 40))
