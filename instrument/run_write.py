@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from instrument.files import replacing
+from instrument.run_budget import correlated
 from instrument.run_check import checked
 from instrument.run_csv import write_csv
 from instrument.run_schema import CONVENTIONS, FLAG_MASKS, PREDICTION, REQUIRED, RUN, Variable
@@ -35,7 +36,22 @@ def write_run(dataset: xr.Dataset, path: Path) -> None:
 
 def write_prediction(dataset: xr.Dataset, path: Path) -> None:
     """Write a prediction (``prediction.nc``); errors as :func:`write_run`."""
-    _write(dataset, path, REQUIRED | PREDICTION)
+    _write(_with_components(dataset), path, REQUIRED | PREDICTION)
+
+
+def _with_components(prediction: xr.Dataset) -> xr.Dataset:
+    """A prediction that says, after the obsarray convention, what its uncertainty is made of, where it does not yet.
+
+    Errors of the ray tracer are independent from point to point. Those of the inputs are not; how they correlate is in
+    the file where it was worked out (``goniotwin predict --uncertainty``), and otherwise stated by nobody.
+    """
+    parts = [name for name in ("u_brf_inputs", "u_brf_monte_carlo") if name in prediction]
+    if "u_brf_monte_carlo" not in parts or "unc_comps" in prediction["brf"].attrs:
+        return prediction
+    result = prediction.copy()
+    result["u_brf_monte_carlo"].attrs = correlated("random") | result["u_brf_monte_carlo"].attrs
+    result["brf"].attrs["unc_comps"] = parts
+    return result
 
 
 def described(dataset: xr.Dataset, known: Mapping[str, Variable]) -> xr.Dataset:

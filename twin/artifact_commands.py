@@ -17,13 +17,14 @@ def export(
         Path, typer.Option(help="Where it goes; the suffix chooses: .ply, .stl, .obj or .scad.", show_default=False)
     ],
     sides: Sides = 64,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> None:
     """Write the solid of a sample as a mesh (PLY, STL, OBJ) or as parametric OpenSCAD source."""
     from instrument.artifact import read_artifact
-    from instrument.output import check_writable
+    from instrument.output import check_new
     from twin.mesh_export import export_artifact
 
-    check_writable(out)
+    check_new(out, force)
     mesh = export_artifact(read_artifact(artifact), out, sides=sides)
     typer.echo(f"{len(mesh.faces)} faces, {mesh.volume():.3f} mm3, closed")
     typer.echo(f"written: {out}")

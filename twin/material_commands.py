@@ -30,13 +30,18 @@ def check(
 
 
 def table(
-    file: _File, out: Annotated[Path, typer.Option(help="Where the table goes (netCDF).")] = Path("material_table.nc")
+    file: _File,
+    out: Annotated[Path, typer.Option(help="Where the table goes (netCDF).")] = Path("material_table.nc"),
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> None:
     """Write a material as a ready table, whatever model and files it comes from."""
     from instrument.errors import InputError
+    from instrument.output import check_new
     from twin.material import read_material
     from twin.reflection_models.table import to_table
 
+    if out.resolve() != file.resolve():
+        check_new(out, force)
     material = read_material(file)
     if out.resolve() == file.resolve():
         raise InputError(f"--out: {out}: is the material itself; expected another name")

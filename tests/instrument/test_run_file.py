@@ -135,7 +135,7 @@ def test_files_of_another_program_are_read(name: str, tmp_path: Path) -> None:
 def test_a_cut_down_copy_of_a_full_file_is_accepted(tmp_path: Path) -> None:
     run = read_run(CASES / "dev" / "dev01.nc")[["brf", "u_brf"]].drop_vars(["time", "point"])
     back = read_run(saved(run, tmp_path / "cut.nc"))  # its attribute unc_comps names what is not there
-    assert component_names(back) == []
+    assert component_names(back) == ["u_brf_monte_carlo"]
     assert "no uncertainty components" in "\n".join(capabilities(back))
 
 
@@ -343,7 +343,23 @@ def test_predictions_are_written_and_read(tmp_path: Path) -> None:
     back = read_prediction(tmp_path / "prediction.nc")
     xr.testing.assert_equal(back, prediction)
     assert back["u_brf_monte_carlo"].attrs["units"] == "1"
-    assert component_names(back) == []
+    assert component_names(back) == ["u_brf_monte_carlo"]
     assert "did you mean" in refusal(
         saved(minimal_run().assign(u_brf_monte_crlo=("point", [1e-4] * 3)), tmp_path / "b.nc"), read_prediction
     )
+
+
+def test_a_prediction_says_what_its_uncertainty_is_made_of(tmp_path):
+    prediction = minimal_run()
+    noise = prediction["u_brf"] * 0.6
+    prediction["u_brf_monte_carlo"] = noise.assign_attrs(units="1")
+    prediction["u_brf_inputs"] = (prediction["u_brf"] * 0.8).assign_attrs(units="1")
+    write_prediction(prediction, tmp_path / "prediction.nc")
+    with xr.open_dataset(tmp_path / "prediction.nc", engine="h5netcdf") as read:
+        assert list(read["brf"].attrs["unc_comps"]) == ["u_brf_inputs", "u_brf_monte_carlo"]
+        assert read["u_brf_monte_carlo"].attrs["err_corr_1_form"] == "random"
+        assert read["u_brf_monte_carlo"].attrs["err_corr_1_dim"] == "point"
+        assert "err_corr_1_form" not in read["u_brf_inputs"].attrs
+        assert {str(name) for name in read.coords} >= {"wavelength", "sensor_zenith", "sensor_azimuth"}
+        assert (read["brf"].attrs["units"], read["sensor_zenith"].attrs["units"]) == ("1", "degree")
+    assert "unc_comps" not in prediction["brf"].attrs
