@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from pages import DOCS, HOME
@@ -68,3 +70,16 @@ def test_a_broken_link_fails(tmp_path: Path) -> None:
     done = subprocess.run(words, check=False, capture_output=True, text=True, timeout=120)
     assert done.returncode != 0
     assert "nowhere" in done.stderr
+
+
+def test_a_page_that_the_index_does_not_list_stands_at_its_end(tmp_path: Path) -> None:
+    listed = runpy.run_path(str(DOCS / "conf.py"))["_list_the_rest"]
+    for name in ("index", "old", "named_by_title", "new"):
+        (tmp_path / f"{name}.md").write_text("# Page\n", encoding="utf-8")
+    app = SimpleNamespace(srcdir=str(tmp_path))
+    source = ["# Index\n\n```{toctree}\n:caption: One\n\nold\nA title <named_by_title>\n```\n"]
+    listed(app, "index", source)
+    assert source[0].endswith(":caption: Further pages\n\nnew\n```\n")
+    before = ["# Old\n"]
+    listed(app, "old", before)
+    assert before == ["# Old\n"]
