@@ -22,10 +22,11 @@ body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(
   margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.5rem; margin-bottom: 0.2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
 p.verdict { font-size: 1.2rem; border-left: 0.35rem solid var(--ink); padding: 0.5rem 0.9rem; background: var(--box); }
+p.caption { margin: 1.4rem 0 0.1rem; }
 p.faint, figcaption { color: var(--faint); font-size: 0.9rem; }
 table { border-collapse: collapse; margin: 0.8rem 0; font-size: 0.92rem; }
 th, td { text-align: left; padding: 0.25rem 0.8rem 0.25rem 0; border-bottom: 1px solid var(--line);
-  vertical-align: top; }
+  vertical-align: top; overflow-wrap: anywhere; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 figure { margin: 1rem 0; } figure img { max-width: 100%; background: #ffffff; padding: 0.3rem; border-radius: 4px; }
 @media print {

@@ -20,6 +20,7 @@ from twin.report.words import listed, span
 T = TypeVar("T")
 #: Maps in one figure, and figures of a kind at most; a run of many wavelengths would fill a book.
 _MAPS, _MOST = 9, 6
+_NONE = "no point has a value, or all are flagged saturated, overloaded or shadowed"
 _MIRROR = (
     "the point that the plane of incidence mirrors into it (at normal incidence, in a plane that is its own mirror"
     " image, the point on the other side of the normal)"
@@ -140,6 +141,8 @@ def principal_plot(run: xr.Dataset, name: str, counterpart: str, what: str) -> B
 def material_blocks(run: xr.Dataset, whose: str) -> list[Block]:
     """Table III and Figs. 10, 11 and 18 of a flat sample."""
     kept = usable(run)
+    if not kept.sizes["point"]:
+        return [LeftOut("Table III, Figs. 10, 11 and 18: measurement of the material", _NONE)]
     return [
         Words(whose),
         space_table(kept, "table_03_material_space", "Table III", "the material"),
@@ -152,6 +155,8 @@ def material_blocks(run: xr.Dataset, whose: str) -> list[Block]:
 def sample_blocks(run: xr.Dataset) -> list[Block]:
     """Table IV and Figs. 12 and 19 of a sample with a structure, or of one that nothing is known of."""
     kept = usable(run)
+    if not kept.sizes["point"]:
+        return [LeftOut("Table IV, Figs. 12 and 19: measurement of the sample", _NONE)]
     lost = run.sizes["point"] - kept.sizes["point"]
     said = [Words(f"{lost} points without a value, or flagged saturated, overloaded or shadowed, are not drawn.")]
     return [

@@ -219,10 +219,14 @@ def _comparison(
     lonely = int(np.count_nonzero(rows < 0))
     if lonely == len(rows):
         raise InputError(f"{file}: predicts none of the {len(rows)} measured points; expected a prediction of this run")
-    if not lonely:
-        return prediction, compare(run, prediction)
-    note = f"{lonely} measured points have no prediction and are left out."
-    return prediction, compare(run.isel(point=np.flatnonzero(rows >= 0)), prediction, notes=(note,))
+    notes = (f"{lonely} measured points have no prediction and are left out.",) if lonely else ()
+    try:
+        return prediction, compare(run.isel(point=np.flatnonzero(rows >= 0)), prediction, notes=notes)
+    except (
+        InputError
+    ) as error:  # a measured zero has no relative difference; what was measured can be told all the same
+        gone["prediction"] = f"the two cannot be compared: {error}"
+        return prediction, None
 
 
 def _diagnosis(file: Path | None, run: xr.Dataset | None, gone: dict[str, str]) -> DiagnosisFile | None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import sketch
+from conftest import pair, sketch
 from example_runs import PLAN, four_points, header, minimal_run, status
 
 from instrument.amending import amend
@@ -105,6 +105,22 @@ def test_a_bare_run_says_what_its_report_cannot_have(tmp_path):
     last = document.sections[-1].blocks[0]
     assert isinstance(last, Table)
     assert {row[0] for row in last.rows} == set(reasons(document))
+
+
+def test_a_run_without_a_usable_point_says_so(tmp_path):
+    write_run(minimal_run().assign(quality_flag=("point", np.ones(3, dtype=np.int8))), tmp_path / "run.nc")
+    document = build_report(read_sources(Named(tmp_path / "run.nc")))
+    assert document.plots() == []
+    assert "flagged" in reasons(document)["Table IV, Figs. 12 and 19: measurement of the sample"]
+
+
+def test_a_measured_zero_costs_the_comparison_alone(files, tmp_path):
+    run, _ = pair()
+    run["brf"].values[4] = 0.0
+    write_run(run, tmp_path / "run.nc")
+    document = build_report(read_sources(Named(tmp_path / "run.nc", files / "prediction.nc")))
+    assert {"fig_12_sample_maps", "fig_20_simulation_all"} <= names(document)
+    assert "found 0" in reasons(document)["Tables V and VI, Figs. 13 to 17: measurement beside simulation"]
 
 
 def test_a_flat_sample_is_the_material(files, tmp_path):
