@@ -13,6 +13,8 @@ _FENCE = re.compile(
     r"^(?P<indent> *)```(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)```\s*$", re.MULTILINE | re.DOTALL
 )
 _CODE_SPAN = re.compile(r"(?<!`)`(?!`)([^`]+)`(?!`)")
+#: Alternatives, options that may be left out, dots for more.
+_SYNOPSIS = re.compile(r"[|\[\]()]|\.\.\.")
 #: What a line begins with that is a command.
 _PROGRAMS = ("goniotwin ", ".venv/bin/", "make ", "python ")
 
@@ -27,12 +29,15 @@ class Command:
         One line, continued lines joined, without remarks.
     exact
         It stands in a block of language ``sh``: a person can paste it. Others may be synopses.
+    whole
+        It stands in a block, and nothing in it says that something is left out: exact but for names.
     """
 
     page: str
     line: int
     text: str
     exact: bool
+    whole: bool = False
 
     def __str__(self) -> str:
         return f"{self.page}:{self.line}: {self.text}"
@@ -59,7 +64,7 @@ def commands(page: Path) -> list[Command]:
         if language in ("sh", "", "text"):
             exact = language == "sh"
             lines = [(n, line) for n, line in _lines(text, first) if line and (exact or _is_command(line))]
-            found += [Command(name, n, line, exact) for n, line in lines]
+            found += [Command(name, n, line, exact, exact or not _SYNOPSIS.search(line)) for n, line in lines]
     source = page.read_text(encoding="utf-8")
     without = _FENCE.sub(lambda match: "\n" * match[0].count("\n"), source)
     for number, line in _indented(without):

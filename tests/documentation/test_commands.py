@@ -69,7 +69,7 @@ def complaint(command: Command) -> str:
     """What is wrong with a command; empty where nothing is."""
     program, *words = command.text.split()
     if program in ("goniotwin", ".venv/bin/goniotwin"):
-        return _complaint(command) if command.exact else complaint_about_synopsis(command.text)
+        return _complaint(command) if command.whole else complaint_about_synopsis(command.text)
     if program == "make":
         text = (HOME / "Makefile").read_text(encoding="utf-8")
         return "" if all(re.search(rf"^{word}:", text, re.MULTILINE) for word in words) else "no such target"
@@ -84,7 +84,8 @@ def complaint(command: Command) -> str:
 
 def _complaint(command: Command) -> str:
     try:
-        parse(words_of(command.text))
+        # Words about a command stand behind it, well apart.
+        parse(words_of(re.split(r"\s{2,}", command.text)[0]))
     except typer.Exit as end:
         return "" if end.exit_code == 0 else f"exit status {end.exit_code}"
     except TyperException as error:
@@ -106,7 +107,7 @@ def _complaint(command: Command) -> str:
     ],
 )
 def test_a_wrong_command_is_not_understood(text: str, said: str) -> None:
-    assert said in complaint(Command("page.md", 1, text, exact=True))
+    assert said in complaint(Command("page.md", 1, text, exact=True, whole=True))
 
 
 @pytest.mark.parametrize(
