@@ -25,7 +25,16 @@ from instrument.files import write_atomically
 from instrument.forms import Form, read_form
 from instrument.lambertian import lambertian_flux
 from twin.diagnosis.acquisition import Acquisition, travel_direction
-from twin.diagnosis.effects import AzimuthEffect, Effect, Known, ReadingEffect, SceneEffect, ZenithEffect, effect
+from twin.diagnosis.effects import (
+    AzimuthEffect,
+    Effect,
+    Known,
+    ReadingEffect,
+    SceneEffect,
+    TopEffect,
+    ZenithEffect,
+    effect,
+)
 from twin.diagnosis.variation import Variation, together
 from twin.material import Material, read_material
 from twin.optics import Setup, reference_change
@@ -142,6 +151,8 @@ def resolve(corrections: Corrections, known: Known, *, ordered: bool) -> Applied
 def _unpredictable(found: Effect, ordered: bool) -> str:
     if isinstance(found, AzimuthEffect):
         return "the twin does not turn its sensor by another angle at each point"
+    if isinstance(found, TopEffect):
+        return "the twin's surfaces are the same everywhere"
     if found.needs:
         return f"it depends on what a run records ({', '.join(found.needs)})"
     if found.name == "session_scale":

@@ -22,7 +22,8 @@ from twin.diagnosis.diagnose import diagnose
 from twin.diagnosis.effects import Effect
 from twin.diagnosis.outcome import to_dict
 from twin.diagnosis.preparation import Prepared
-from twin.diagnosis.responses import ComputedResponse, Responses
+from twin.diagnosis.response import ComputedResponse
+from twin.diagnosis.responses import Responses
 from twin.diagnosis.verdict import decide
 
 PAGE = (Path(__file__).parents[3] / "docs" / "diagnosis.md").read_text()

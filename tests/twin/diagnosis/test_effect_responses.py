@@ -15,7 +15,8 @@ from twin.diagnosis.acquisition import Acquisition, travel_direction
 from twin.diagnosis.direct_light import once_reflected, pierced_plate
 from twin.diagnosis.effects import Known, SceneEffect, effect
 from twin.diagnosis.renders import RenderStore
-from twin.diagnosis.responses import AnyResponse, cardinal_spline, responses
+from twin.diagnosis.response import AnyResponse, cardinal_spline
+from twin.diagnosis.responses import responses
 from twin.diagnosis.transport import transported
 from twin.diagnosis.variation import Variation, together
 from twin.diagnosis.workbench import Workbench
@@ -82,6 +83,26 @@ def test_scale_of_the_azimuth_turns_every_point_by_its_own_angle():
         assert scaled[point] == pytest.approx(turned[point], abs=1e-9)
     assert scaled[0] == pytest.approx(0.0, abs=1e-12)
     assert abs(scaled[2]) > 1e-4
+
+
+def test_stain_on_a_flat_sample_takes_its_share_of_the_lit_area(flat_bench: Workbench):
+    # A spot exp(-(r/R)^4) has the area pi^1.5 R^2/2; the beam lights pi 2^2/cos(illumination), all of it seen.
+    where = columns(np.array([0.0, 60.0, 0.0]), np.array([40.0, 20.0, -40.0]), np.array([0.0, 90.0, 45.0]))
+    found = response("stain", where, flat_bench).relative(np.array([[-0.1, 0.3, -0.2, 0.8]]))[0]
+    lit = np.pi * 2.0**2 / np.cos(np.deg2rad(where["illumination_zenith"]))
+    np.testing.assert_allclose(found, -0.1 * (np.pi**1.5 * 0.8**2 / 2) / lit, rtol=0.02)
+
+
+def test_stain_beside_the_target_of_the_sensor_is_not_seen():
+    narrow = Workbench(facility(8.0, target=3.0), flat(), lambertian(0.6), samples=1)
+    where = columns(0.0, np.array([5.0, 70.0]), 0.0)
+    found = response("stain", where, narrow).relative(np.array([[-0.1, 3.0, 0.0, 0.6]]))[0]
+    # Seen at 70 degrees the target reaches 1.5/cos(70 degrees) = 4.4 mm along x, seen from above 1.5 mm.
+    assert found[0] == pytest.approx(0.0, abs=1e-6)
+    # The spot's 1.0 mm^2 of the 20 mm^2 of that ellipse, little of which lies outside the beam.
+    assert found[1] == pytest.approx(
+        -0.1 * (np.pi**1.5 * 0.6**2 / 2) / (np.pi * 1.5**2 / np.cos(np.deg2rad(70))), rel=0.05
+    )
 
 
 def test_reflectance_of_a_flat_coating_is_a_scale(flat_bench: Workbench):

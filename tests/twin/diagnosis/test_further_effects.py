@@ -8,7 +8,16 @@ from traced_samples import artifact, columns, facility, flat
 
 from twin.artifact import Surface
 from twin.diagnosis.acquisition import Acquisition, travel_direction
-from twin.diagnosis.effects import AzimuthEffect, Known, ReadingEffect, SceneEffect, ZenithEffect, effect, library
+from twin.diagnosis.effects import (
+    AzimuthEffect,
+    Known,
+    ReadingEffect,
+    SceneEffect,
+    TopEffect,
+    ZenithEffect,
+    effect,
+    library,
+)
 from twin.material import lambertian
 
 ZENITH = np.array([60.0, 30.0, 0.0, -30.0, -60.0])
@@ -41,6 +50,8 @@ def test_a_cause_beyond_the_catalogue_does_nothing_at_its_nominal_values(found):
         np.testing.assert_allclose(found.zenith_error(run, nominal[None]), 0.0, atol=1e-12)
     elif isinstance(found, AzimuthEffect):
         np.testing.assert_allclose(found.azimuth_error(run, nominal[None]), 0.0, atol=1e-12)
+    elif isinstance(found, TopEffect):
+        np.testing.assert_allclose(found.change(np.zeros((1, 2)), nominal[None]), 0.0, atol=1e-12)
     else:
         variation = found.variation(nominal)
         assert not variation.artifact

@@ -22,6 +22,7 @@ from twin.diagnosis.effects.base import (
     Parameter,
     ReadingEffect,
     SceneEffect,
+    TopEffect,
     ZenithEffect,
 )
 
@@ -32,6 +33,7 @@ __all__ = [
     "Parameter",
     "ReadingEffect",
     "SceneEffect",
+    "TopEffect",
     "ZenithEffect",
     "effect",
     "library",

@@ -1,9 +1,9 @@
 """What an effect is: parameters, what it changes in the scene, and what it makes of a reading.
 
-An effect acts in one of four ways. A :class:`SceneEffect` changes instrument, sample or material, and is rendered. A
+An effect acts in one of five ways. A :class:`SceneEffect` changes instrument, sample or material, and is rendered. A
 :class:`ZenithEffect` or :class:`AzimuthEffect` moves the sensor arm by an angle that differs from point to point; one
-rendered table over that angle serves all of them. A :class:`ReadingEffect` changes what electronics and acquisition
-make of the light.
+rendered table over that angle serves all of them. A :class:`TopEffect` changes the reflectance of
+part of the plate's top. A :class:`ReadingEffect` changes what electronics and acquisition make of the light.
 """
 
 from __future__ import annotations
@@ -156,6 +156,21 @@ class AzimuthEffect(Effect):
     @abstractmethod
     def azimuth_error(self, run: Acquisition, values: FloatArray) -> FloatArray:
         """True minus commanded sensor azimuth in degree, shape (n, point), for values of shape (n, parameter)."""
+
+
+class TopEffect(Effect):
+    """An effect on the reflectance of part of the plate's top; only the light that comes from there counts."""
+
+    @abstractmethod
+    def change(self, places: FloatArray, values: FloatArray) -> FloatArray:
+        """Relative change of reflectance, shape (n, place).
+
+        Parameters
+        ----------
+        places, shape (place, 2)
+            On the plate's top in the frame of the sample, mm.
+        values, shape (n, parameter)
+        """
 
 
 class ReadingEffect(Effect):

@@ -16,7 +16,7 @@ from instrument.angles import FloatArray, direction
 from instrument.artifact import ArtifactDimensions
 from twin.artifact import Surface
 from twin.diagnosis.acquisition import Acquisition
-from twin.diagnosis.effects.base import AzimuthEffect, Known, Parameter, ReadingEffect, SceneEffect
+from twin.diagnosis.effects.base import AzimuthEffect, Known, Parameter, ReadingEffect, SceneEffect, TopEffect
 from twin.diagnosis.effects.travel import ByAngle
 from twin.diagnosis.variation import ArtifactChange, Variation
 
@@ -182,3 +182,33 @@ class AzimuthScale(AzimuthEffect):
     def azimuth_error(self, run: Acquisition, values: FloatArray) -> FloatArray:
         azimuth = run.columns["sensor_azimuth"]
         return np.asarray(values * np.where(azimuth > 180.0, azimuth - 360.0, azimuth))
+
+
+class Stain(TopEffect):
+    """A spot on the plate's top that is darker, or brighter: a fingerprint, dust, a worn coating."""
+
+    name = "stain"
+    title = "stain on the top of the sample"
+    catalogued = False
+    parameters = (
+        Parameter("fraction", "1", 0.08, (-0.6, 0.3)),
+        Parameter("x_mm", "mm", 2.0, (-1.0, 1.0), shape=True),
+        Parameter("y_mm", "mm", 2.0, (-1.0, 1.0), shape=True),
+        Parameter("radius_mm", "mm", 2.0, (0.1, 1.0), shape=True),
+    )
+    shapes = 3
+
+    def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
+        """Caps of place and size are shares of the beam's radius."""
+        fraction, *place = super().resolve(known, run)
+        reach = max(known.facility.beam.iris)
+        middle = [replace(p, cap=(p.cap[0] * reach, p.cap[1] * reach)) for p in place]
+        return fraction, *(replace(p, nominal=0.5 * sum(p.cap)) for p in middle)
+
+    def not_applicable(self, known: Known) -> str:
+        return "the sample is a mesh" if known.artifact.mesh is not None else ""
+
+    def change(self, places: FloatArray, values: FloatArray) -> FloatArray:
+        fraction, x, y, radius = (values[:, [k]] for k in range(4))
+        apart = np.hypot(places[:, 0] - x, places[:, 1] - y)
+        return np.asarray(fraction * np.exp(-((apart / radius) ** 4)))
