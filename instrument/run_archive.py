@@ -20,6 +20,8 @@ from instrument.run_record import current_record
 
 #: Derived values may differ by rounding when another machine computes them again.
 _ROUNDING = 1e-9
+#: Attributes without which numbers mean something else.
+_MEANING = ("units", "unc_comps", "err_corr_1_form", "err_corr_1_params", "degrees_of_freedom")
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,13 @@ def _run_file(path: Path, content: JournalContent) -> list[Check]:
 
 
 def first_difference(stored: xr.Dataset, rebuilt: xr.Dataset) -> str:
-    """Where two runs first differ, in words; empty when they agree (derived values to 1e-9, the rest exactly)."""
+    """Where two runs first differ, in words; empty when they agree (derived values to 1e-9, the rest exactly).
+
+    Compared are names, values, units, what the budget says of correlation, and global attributes.
+    """
+    strangers = [str(name) for name in stored.variables if name not in rebuilt.variables]
+    if strangers:
+        return f"{strangers[0]}: found; the journal gives no such variable"
     for name in map(str, rebuilt.variables):
         if name not in stored.variables:
             return f"{name}: missing"
@@ -181,6 +189,10 @@ def first_difference(stored: xr.Dataset, rebuilt: xr.Dataset) -> str:
         if np.any(differs):
             where = tuple(int(i) for i in np.argwhere(differs)[0])
             return f"{name}{list(where)}: found {a[where]}; the journal gives {b[where]}"
+        for key in _MEANING:
+            found, expected = (np.ravel(run[name].attrs.get(key, "")).tolist() for run in (stored, rebuilt))
+            if found != expected:
+                return f"{name}: {key}: found {found}; the journal gives {expected}"
     return _first_attribute(stored.attrs, rebuilt.attrs)
 
 
