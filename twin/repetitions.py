@@ -2,7 +2,11 @@
 
 A randomisation is repeated by what the others scatter, never by its own value: were it so, a skewed run that came out
 high would be repeated and one that came out low not, and the mean would be low (leave-one-out, as in the jackknife). So
-the mean has no bias, whatever the number of sight lines and the distribution of their values.
+the mean has no bias, whatever the number of sight lines and the distribution of their values. How long the repetition
+is may depend on everything, for that does not shift its mean.
+
+Only where a single randomisation is so far off that the wanted error cannot be reached without repeating it by its own
+value, one prediction in some hundred, all are repeated alike.
 """
 
 from __future__ import annotations
@@ -97,6 +101,23 @@ def repetitions(main: Tally, expected: Expected, standard_error: float) -> Repet
     for _ in range(_MOST_LONGER):
         total, error = total_and_error(main.means(), *repeats.variances())
         repeats = replace(repeats, longer=repeats.longer + (error > _MARGIN * standard_error * total))
+    return _all_alike(repeats, standard_error)
+
+
+def _all_alike(repeats: Repetitions, standard_error: float) -> Repetitions:
+    """Let all randomisations weigh more where a single one far off would else leave the error too large."""
+    least = np.zeros(repeats.main.done.shape, dtype=np.int64)
+    means = repeats.main.means()
+    for _ in range(len(Part) * len(_STEPS)):
+        variances, degrees = repeats.variances()
+        total, error = total_and_error(means, variances, degrees)
+        over = np.flatnonzero((total > 0) & (error > _MARGIN * standard_error * total))
+        if not len(over):
+            break
+        worst = np.argmax(variances[:, over], axis=0)
+        least[worst, over] = np.minimum(least[worst, over] + 1, len(_STEPS) - 1)
+        weight = np.maximum(repeats.weight, (_STEPS[least] ** _RATE2)[..., None])
+        repeats = replace(repeats, weight=weight)
     return repeats
 
 

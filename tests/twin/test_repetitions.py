@@ -76,6 +76,17 @@ def test_errors_cover_and_the_wanted_error_is_reached() -> None:
     assert np.mean(np.abs(z) < 2) == pytest.approx(0.954, abs=0.02)
 
 
+def test_a_single_randomisation_far_off_does_not_leave_the_error_too_large() -> None:
+    values = 1 + 0.01 * np.random.default_rng(4).standard_normal((len(Part), 5, RANDOMISATIONS))
+    values[Part.SCATTERED, 2, 7] = 40.0
+    main = tally(values)
+    plan = repetitions(main, nothing_expected(5), 0.02)
+    error = np.sqrt(plan.variances()[0].sum(axis=0)) / main.means().sum(axis=0)
+    assert np.all(error <= 0.02)
+    assert np.all(plan.weight[Part.SCATTERED, 2] > 0)
+    assert np.all(plan.weight[:, [0, 1, 3, 4]] == 0)
+
+
 def test_without_repetitions_the_reading_is_the_main_runs() -> None:
     main = tally(gamma(np.random.default_rng(5), 3.0, 4))
     reading, error = no_repetitions(main, nothing_expected(4)).result(Tally(4))
