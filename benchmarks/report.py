@@ -69,7 +69,7 @@ def _efficiency(results: Json) -> str:
     for name in ("peer", "twin"):
         if name in comparison:
             found = comparison[name]
-            cells = [f"{found[key]:.4f} ± {found[f'{key}_spread']:.4f}" for key in ("median", "grazing")]
+            cells = [_with_range(found[key], found[f"{key}_spread"], 4) for key in ("median", "grazing")]
             rows.append([name, *cells, f"{found['cpu_per_geometry']:.4f}", f"{100 * found['median_error']:.3f}"])
     if "ratio" in comparison:
         ratio = comparison["ratio"]
@@ -90,7 +90,12 @@ def _efficiency(results: Json) -> str:
 
 
 def _spread(values: list[float], digits: int = 2) -> str:
-    return f"{np.median(values):.{digits}f} ± {np.ptp(values) / 2:.{digits}f}"
+    return _with_range(float(np.median(values)), float(np.ptp(values) / 2), digits)
+
+
+def _with_range(value: float, half_range: float, digits: int) -> str:
+    """A value with half its range over the repeats; alone where there is no other."""
+    return f"{value:.{digits}f}" + (f" ± {half_range:.{digits}f}" if half_range > 0 else "")
 
 
 def _plan(results: Json) -> str:
