@@ -56,7 +56,7 @@ class NoScan:
 
     pause = pause_now = resume = abort = halt = start
 
-    def answer(self, done: bool) -> None:
+    def answer(self, done: bool, value: float | str | None = None) -> None:
         """Nobody asks."""
 
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QPointF, QSize, Qt, QTimer
@@ -17,6 +19,7 @@ from gui import words
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.theme import Theme
+from gui.work import Work
 
 Vector = tuple[float, float, float]
 Pose = tuple[float, float, float]  # illumination zenith, sensor zenith, sensor azimuth; degree
@@ -38,6 +41,28 @@ def direction(zenith: float, azimuth: float) -> Vector:
     )
 
 
+@dataclass(frozen=True)
+class Sample:
+    """What lies on the stage, mm: outline, and centre and diameter of every hole."""
+
+    outline: tuple[float, float] = (50.0, 50.0)
+    holes: tuple[tuple[float, float, float], ...] = ()
+
+
+def sample_of(run_dir: Path) -> Sample:
+    """The artifact of a run; a plain plate where the run has none. Reads files: not for the Qt thread."""
+    from instrument.artifact import read_artifact
+    from instrument.errors import InputError
+
+    try:
+        artifact = read_artifact(run_dir / "artifact.toml")
+    except InputError:
+        return Sample()
+    holes = artifact.holes
+    rows = zip(holes.x.tolist(), holes.y.tolist(), holes.diameter.tolist(), strict=True)
+    return Sample(artifact.form.outline, tuple(rows))
+
+
 class ArmsView(QWidget):
     """A picture of the instrument in a pose; drag, or use the arrow keys, to look from elsewhere."""
 
@@ -52,6 +77,7 @@ class ArmsView(QWidget):
         self._drag: QPointF | None = None
         self._ground: tuple[Any, QPixmap] | None = None
         self.light = False
+        self.sample, self.turn = Sample(), 0.0
         self.setMinimumSize(QSize(260, 220))
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -109,7 +135,7 @@ class ArmsView(QWidget):
 
     def _still(self) -> QPixmap:
         """What does not move, drawn once for a view."""
-        key = (self.size(), tuple(self._view), self.theme, self.devicePixelRatioF())
+        key = (self.size(), tuple(self._view), self.theme, self.devicePixelRatioF(), self.sample, self.turn)
         if self._ground is None or self._ground[0] != key:
             picture = QPixmap(self.size() * key[3])
             picture.setDevicePixelRatio(key[3])
@@ -135,15 +161,27 @@ class ArmsView(QWidget):
             x, y, _ = direction(90, azimuth)
             at = self._project((1.12 * x, 1.12 * y, 0.0))
             painter.drawText(at - QPointF(12, -5), f"{azimuth}°")
-        corners = [(-_PLATE, -_PLATE), (_PLATE, -_PLATE), (_PLATE, _PLATE), (-_PLATE, _PLATE)]
+        self._draw_sample(painter)
+
+    def _draw_sample(self, painter: QPainter) -> None:
+        """The plate with its holes, turned as the sample is."""
+        theme, sample = self.theme, self.sample
+        cosine, sine = math.cos(math.radians(self.turn)), math.sin(math.radians(self.turn))
+        scale = 2 * _PLATE / max(sample.outline)
+
+        def outlined(points: Sequence[tuple[float, float]]) -> None:
+            turned = ((cosine * x - sine * y, sine * x + cosine * y) for x, y in points)
+            painter.drawPolygon(QPolygonF([self._project((scale * x, scale * y, 0.0)) for x, y in turned]))
+
         painter.setPen(QPen(QColor(theme.text), 1.4))
         painter.setBrush(QColor(theme.raised))
-        painter.drawPolygon(QPolygonF([self._project((x, y, 0.0)) for x, y in corners]))
+        across, along = sample.outline[0] / 2, sample.outline[1] / 2
+        outlined([(-across, -along), (across, -along), (across, along), (-across, along)])
         painter.setBrush(QColor(theme.quiet_text))
         painter.setPen(Qt.PenStyle.NoPen)
-        for i in range(-3, 4):
-            for j in range(-3, 4):
-                painter.drawEllipse(self._project((i * _PLATE / 4, j * _PLATE / 4, 0.0)), 1.6, 1.0)
+        round_about = [(math.cos(angle / 6 * math.pi), math.sin(angle / 6 * math.pi)) for angle in range(12)]
+        for x, y, diameter in sample.holes:
+            outlined([(x + diameter / 2 * a, y + diameter / 2 * b) for a, b in round_about])
 
     def _draw_arms(self, painter: QPainter, pose: Pose) -> None:
         theme, (illumination, zenith, azimuth) = self.theme, pose
@@ -239,7 +277,13 @@ class ArmsPanel(Panel):
         self.text = quiet("Commanded positions. Drag, or use the arrow keys, to look from elsewhere.")
         self.text.setWordWrap(True)
         self.body.addWidget(self.text)
+        self._work = Work(self)
+        self._work.finished.connect(self._show_sample)
         self.refresh(Changes(scan=True))
+
+    def _show_sample(self, sample: Sample) -> None:
+        self.view.sample = sample
+        self.view.update()
 
     def refresh(self, changes: Changes) -> None:
         """Follow the scan."""
@@ -247,8 +291,12 @@ class ArmsPanel(Panel):
             return
         model = self.model
         self.view.light = model.state.value == "measuring"
+        if changes.scan and model.run_dir:
+            folder = Path(model.run_dir)
+            self._work.do(lambda: sample_of(folder))
         if model.current is not None:
             geometry = model.points[model.current].geometry
+            self.view.turn = geometry.sample_rotation
             self.view.go_to((geometry.illumination_zenith, geometry.sensor_zenith, geometry.sensor_azimuth))
         elif changes.scan:
             self.view.go_to((0.0, 45.0, 0.0) if model.points else None)

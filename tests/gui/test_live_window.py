@@ -28,6 +28,7 @@ from instrument.operators import Mounted
 from instrument.prompts import Prompt
 from instrument.session import ScanRequest, ScanSession
 from instrument.states import State
+from sim_fixtures.laboratory import SimulatedLaboratory, start_simulated
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
 F5, F6, F7, F8, F12 = (getattr(Qt.Key, f"Key_F{n}") for n in (5, 6, 7, 8, 12))
@@ -45,15 +46,27 @@ SPEED = 200.0
 LONG = 120_000  # ms
 
 
+@pytest.fixture(scope="module")
+def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedLaboratory]:
+    """One simulated laboratory, which the scans of this module have one after the other."""
+    with start_simulated(tmp_path_factory.mktemp("laboratory"), speed=SPEED) as started:
+        yield started
+
+
 @pytest.fixture
-def open_window(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., MainWindow]]:
+def open_window(qtbot: QtBot, tmp_path: Path, laboratory: SimulatedLaboratory) -> Iterator[Callable[..., MainWindow]]:
     plan = tmp_path / "short.toml"
     plan.write_text(PLAN)
     controllers: list[SessionController] = []
+    files = laboratory.inputs
 
     def make(twin: bool = False, **how: Any) -> MainWindow:
+        seen = {"artifact": files.artifact, "material": files.material} if twin else {}
+        how.setdefault("make_session", lambda request, operator: ScanSession(request, laboratory.operator))
+
         def factory(listener: Listener, chosen: Path | None) -> Controller:
-            request = ScanRequest(plan=chosen, simulate=True, speed=SPEED, out=tmp_path / "run", twin=twin)
+            where = {"devices": files.devices, "facility": files.facility, "out": tmp_path / "run"}
+            request = ScanRequest(plan=chosen, twin=twin, **where, **seen)
             controllers.append(SessionController(request, listener, **how))
             return controllers[-1]
 
@@ -165,23 +178,19 @@ def test_every_reading_is_shown_beside_its_prediction(open_window: Callable[...,
 
 
 def test_a_fault_is_shown_and_the_run_is_recovered_from_the_start_page(
-    open_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path
+    open_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path, laboratory: SimulatedLaboratory
 ) -> None:
     """The door of the laser opens and is closed again; then the scan is ended and gone on with."""
-    sessions_: list[ScanSession] = []
 
     def make_session(request: ScanRequest, operator: WindowOperator | None) -> ScanSession:
-        resumed = (tmp_path / "run" / "journal.jsonl").exists()
-        if resumed:
-            request = ScanRequest(resume=tmp_path / "run", simulate=True, speed=SPEED, twin=False)
-        sessions_.append(ScanSession(request))
-        return sessions_[-1]
+        if (tmp_path / "run" / "journal.jsonl").exists():
+            request = ScanRequest(resume=tmp_path / "run", devices=laboratory.inputs.devices, twin=False)
+        return ScanSession(request, laboratory.operator)
 
     window = open_window(make_session=make_session)
     model = window.model
     qtbot.keyClick(window, F5)
     qtbot.waitUntil(lambda: model.measured >= 1, timeout=LONG)
-    laboratory: Any = sessions_[0].laboratory
     laboratory.control("open_interlock")
     qtbot.waitUntil(lambda: model.state is State.SUSPENDED, timeout=LONG)
     panel: Any = window.panel("StatePanel")
@@ -208,31 +217,21 @@ def test_a_fault_is_shown_and_the_run_is_recovered_from_the_start_page(
     assert sorted(read_journal(tmp_path / "run").points) == list(range(9))
 
 
-class Both(WindowOperator):
-    """Asks in the window, then has the simulated laboratory do what the person would."""
+def test_the_person_at_the_window_changes_the_sample(
+    open_window: Callable[..., MainWindow], qtbot: QtBot, laboratory: SimulatedLaboratory
+) -> None:
+    """Asked in the window; then the simulated laboratory's hands do what the person would."""
 
-    session: ScanSession
+    class Both(WindowOperator):
+        def mount(self, what: Mounted) -> None:
+            super().mount(what)
+            laboratory.operator.mount(what)
 
-    def mount(self, what: Mounted) -> None:
-        super().mount(what)
-        assert self.session.laboratory is not None
-        self.session.laboratory.operator.mount(what)
+        def reply(self, prompt: Prompt) -> float | str | None:
+            super().reply(prompt)
+            return laboratory.operator.reply(prompt)
 
-
-def test_the_person_at_the_window_changes_the_sample(open_window: Callable[..., MainWindow], qtbot: QtBot) -> None:
-    """With real devices the window brings the operator; here it stands before the simulated laboratory's."""
-    asking: list[Both] = []
-
-    def make_session(request: ScanRequest, operator: WindowOperator | None) -> ScanSession:
-        session = ScanSession(request, asking[-1])
-        asking[-1].session = session
-        return session
-
-    def operator(listener: Listener) -> Both:
-        asking.append(Both(listener))
-        return asking[-1]
-
-    window = open_window(make_session=make_session, make_operator=operator)
+    window = open_window(make_session=ScanSession, make_operator=Both)
     qtbot.keyClick(window, F5)
     banner = window.panel("RequestPanel")
     requests: list[Mounted | Prompt] = []

@@ -18,13 +18,11 @@ pytestmark = [
     pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed; .ci/run installs it where it can"),
 ]
 HERE = Path(__file__).parent
-#: A scan with a pause by key, the emergency stop under an open question, prompts, the layout of last time, whole texts.
+#: A scan with a pause by key, the emergency stop under an open question, the layout of last time.
 CHOSEN = (
     "test_live_window.py::test_a_scan_is_started_paused_resumed_and_finished",
     "test_window.py::test_abort_asks_first_and_halt_does_not",
     "test_window.py::test_layout_and_palette_are_remembered",
-    "test_window.py::test_no_label_is_cut_off",
-    "test_procedures_in_the_window.py::test_a_number_is_checked_while_it_is_typed_and_answered_by_key",
 )
 SHOWN = """
 import sys

@@ -427,3 +427,13 @@ def test_qt_does_not_use_up_the_references_to_none_and_true(stage: Stage) -> Non
         stage.window.plots.brf_plot.setYRange(0.0, 1.0, padding=0)
     for constant, count in before.items():
         assert sys.getrefcount(constant) > count - 1000  # PySide6 6.12.0 loses one a call and more
+
+
+def test_the_drawn_sample_is_the_artifact_of_the_run(tmp_path: Path) -> None:
+    from gui.panels.arms import Sample, sample_of
+
+    assert sample_of(tmp_path) == Sample()  # none is known: a plain plate
+    rows = "hole,x_mm,y_mm,diameter_mm,u_x_mm,u_y_mm,u_diameter_mm\n0,-4,1,2.5,0,0,0\n1,4,-1,2,0,0,0\n"
+    (tmp_path / "holes.csv").write_text(rows)
+    (tmp_path / "artifact.toml").write_text('holes = "holes.csv"\noutline = [30.0, 20.0]\n')
+    assert sample_of(tmp_path) == Sample((30.0, 20.0), ((-4.0, 1.0, 2.5), (4.0, -1.0, 2.0)))
