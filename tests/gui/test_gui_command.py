@@ -87,3 +87,20 @@ def test_help_does_not_load_qt() -> None:
     assert "operator's window" in done.stdout
     assert "PySide6" not in done.stdout
     assert "numpy" not in done.stdout.split()
+
+
+def test_only_the_room_of_the_window_names_qt() -> None:
+    root = Path(__file__).parents[2]
+    named = re.compile(r"^\s*(?:from|import) (?:PySide6|pyqtgraph|gui)\b", re.MULTILINE)
+    rooms = ("drivers", "instrument", "twin", "sim_fixtures")
+    guilty = [path for room in rooms for path in (root / room).rglob("*.py") if named.search(path.read_text("utf-8"))]
+    assert guilty == []
+    assert named.search((root / "gui" / "window.py").read_text("utf-8"))  # the search finds what it looks for
+
+
+def test_what_runs_a_scan_and_asks_devices_loads_no_qt() -> None:
+    code = "import sys, gui.host, gui.device_check, instrument.session, instrument.scan_run; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert "numpy" in loaded
+    assert not loaded & {"PySide6", "shiboken6", "pyqtgraph", "vtkmodules"}
