@@ -27,7 +27,7 @@ from twin.report.document import Block, Document, LeftOut, Points, Section, Tabl
 from twin.report.measured import material_blocks, sample_blocks, symmetric_plots
 from twin.report.sources import Sources
 from twin.report.uncertain import budget_blocks, dimensions_table, prediction_budget
-from twin.report.words import moment
+from twin.report.words import counted, moment, span
 
 _COMPARED = "Tables V and VI, Figs. 13 to 17: measurement beside simulation"
 
@@ -86,11 +86,10 @@ def _summary(sources: Sources) -> list[Block]:
         times = len(interruptions(journal))
         lines.append(f"Interruptions and resumptions: {times or 'none'}.")
     elif run is not None:
-        lines.append(f"{run.sizes['point']} points.")
+        lines.append(f"{counted(run.sizes['point'], 'point')}.")
     if run is not None:
         relative = 100 * run["u_brf"].values / np.abs(run["brf"].values)
-        low, high = np.nanmin(relative), np.nanmax(relative)
-        lines.append(f"Combined standard uncertainty of the reflectance factor: {low:.2f} to {high:.2f} %.")
+        lines.append(f"Combined standard uncertainty of the reflectance factor: {span(relative, 2, '%')}.")
     gist = _gist(sources.comparison)
     if sources.diagnosis is not None:
         named = ", ".join(one.effect.replace("_", " ") for one in sources.diagnosis.effects)
@@ -104,7 +103,7 @@ def _gist(comparison: Comparison | None) -> str:
     whole = comparison.overall
     return (
         f"Simulation and measurement differ by {100 * whole.mean_absolute_relative_difference:.2f} % on average over"
-        f" {whole.points} points; relative RMSE {whole.relative_rmse:.3f}, level of agreement"
+        f" {counted(whole.points, 'point')}; relative RMSE {whole.relative_rmse:.3f}, level of agreement"
         f" {whole.level_of_agreement:.2f}."
     )
 
@@ -172,7 +171,7 @@ def _simulation(sources: Sources) -> list[Block]:
     prediction = sources.prediction
     said = [f"{name}: {value}" for name, value in prediction.attrs.items() if name not in ("Conventions", "title")]
     return [
-        Words(f"{prediction.sizes['point']} predicted points."),
+        Words(f"{counted(prediction.sizes['point'], 'predicted point')}."),
         *([Points(said)] if said else []),
         *symmetric_plots(
             prediction, "fig_20_simulation_all", "Fig. 20", "Simulated reflectance factor", isotropic=sources.flat

@@ -23,7 +23,7 @@ from twin.figures import (
     scale_zenith,
     share_limits,
 )
-from twin.report.document import WIDTH, Columns
+from twin.report.document import WIDTH, Columns, title_size
 from twin.report.facets import Facet
 
 #: Panels side by side, and at most in one figure: as many as a sheet holds.
@@ -58,7 +58,9 @@ def _panels(
     for number, title in enumerate(titles):
         axis = figure.add_subplot(grid[number // COLUMNS, number % COLUMNS])
         fill(axis, number)
-        axis.set_title(title, fontsize=7.5, loc="left", pad=2.5, y=1.0)  # where a small picture may be beside it
+        axis.set_title(
+            title, fontsize=title_size(title, 7.5), loc="left", pad=2.5, y=1.0
+        )  # where a small picture may be beside it
         axis.tick_params(labelsize=7, labelleft=number % COLUMNS == 0, labelbottom=number + COLUMNS >= len(titles))
         axes.append(axis)
     share_limits(axes)

@@ -129,6 +129,11 @@ class Document:
         return [block for section in self.sections for block in section.blocks if isinstance(block, LeftOut)]
 
 
+def title_size(title: str, usual: float) -> float:
+    """Size in points of a panel's title: smaller where it says much, so that it stays over its panel."""
+    return usual * min(1.0, 33 / max(len(title), 1))
+
+
 def label(counterpart: str, caption: str) -> str:
     """A caption that says what it corresponds to."""
     return f"Counterpart of {counterpart}. {caption}" if counterpart else caption

@@ -22,11 +22,13 @@ from numpy.typing import NDArray
 from instrument.angles import FloatArray
 from twin.figures import BLACK, CATEGORY_STYLE, ORANGE
 from twin.metrics import Category
-from twin.report.document import WIDTH, Columns
+from twin.report.document import WIDTH, Columns, title_size
 from twin.report.facets import Facet
 
 #: Half the width of a cell, degree of azimuth, where planes lie far apart.
 _CELL = 11.0
+#: Half its length at most, degree of zenith: points that are few stand for themselves.
+_LONGEST = 5.0
 _PANELS = 3
 #: Inch: a row of panels, and the line of the scale below.
 _ROW, _FOOT = 2.45, 0.62
@@ -100,7 +102,7 @@ def draw_metrics(figure: FigureBase, data: Columns, facets: Sequence[Facet], met
             width = 0.89 / max(len(facets), _PANELS)
             bottom = (0.3 + 2.3 * (len(metrics) - 1 - line)) / height
             axis = figure.add_axes((0.01 + width * column, bottom, width * 0.94, 2.05 / height), aspect="equal")
-            axis.set_title(facet.title, fontsize=7.5, pad=2)
+            axis.set_title(facet.title, fontsize=title_size(facet.title, 7.5), pad=2)
             _hemisphere(axis, facet.light)
             drawn = _draw_metric(axis, data, facet, metric)
             _light(axis, facet.light)
@@ -145,7 +147,7 @@ def _panel(figure: FigureBase, number: int, panels: int, height: float, title: s
     left = (WIDTH - columns * WIDTH / _PANELS) / 2 / WIDTH + column / _PANELS + (WIDTH / _PANELS - side) / 2 / WIDTH
     bottom = (_FOOT + _ROW * (lines - 1 - line)) / height
     axis = figure.add_axes((left, bottom, side / WIDTH, side / height), aspect="equal")
-    axis.set_title(title, fontsize=8, pad=3)
+    axis.set_title(title, fontsize=title_size(title, 8), pad=3)
     return axis
 
 
@@ -191,10 +193,10 @@ def _cells(data: Columns, rows: NDArray[np.int64]) -> list[FloatArray]:
 
 
 def _edges(zenith: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where the cells of a plane begin and end: half-way to the neighbour, but no farther than half the usual step."""
+    """Where the cells of a plane begin and end: half-way to the neighbour, no farther than half the usual step."""
     known, inverse = np.unique(zenith, return_inverse=True)
     steps = np.diff(known)
-    half = float(np.median(steps)) / 2 if len(steps) else 2.5
+    half = min(float(np.median(steps)) / 2, _LONGEST) if len(steps) else _LONGEST / 2
     below = np.minimum(np.concatenate([[half], steps / 2]), half)
     above = np.minimum(np.concatenate([steps / 2, [half]]), half)
     return (known - below)[inverse], (known + above)[inverse]

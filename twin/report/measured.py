@@ -61,8 +61,9 @@ def map_plots(run: xr.Dataset, name: str, counterpart: str, what: str) -> list[B
     """Polar maps by illumination, as many figures as they need."""
     data = geometry(run) | {"brf": run["brf"].values, "u_brf": run["u_brf"].values}
     facets = by_light(run)
-    values = np.asarray(run["brf"].values)
-    scale = Scale("reflectance factor", "viridis", (float(values.min()), float(values.max()) + 1e-9))
+    low, high = float(np.min(run["brf"].values)), float(np.max(run["brf"].values))
+    apart = max(0.0, 0.01 * abs(high) - (high - low)) / 2  # one colour for values that hardly differ
+    scale = Scale("reflectance factor", "viridis", (low - apart, high + apart))
     caption = (
         f"Reflectance factor of {what} by illumination over the sensor's direction: from the centre its zenith, around"
         " it its azimuth. White dots are the points that were measured; nothing is drawn between them."

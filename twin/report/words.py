@@ -38,6 +38,11 @@ def listed(values: Iterable[float]) -> str:
     return f"{len(known)} values from {known[0]:g} to {known[-1]:g}"
 
 
+def counted(number: int, what: str) -> str:
+    """So many of something."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def moment(stamp: str) -> str:
     """Day and time of a record, to the second."""
     return stamp[:19].replace("T", " ")
