@@ -39,13 +39,16 @@ ONE_SIDED = {
     "illumination_zenith": {"approach": "falling", "backlash": 1.0},
 }
 TURNED = {"sample_rotation": [0.0, 60.0, 120.0], "polarization": ["s", "mean"]}
-BY_HAND = {"illumination_zenith": [20.0], "illumination_azimuth": [-45.0, 0.0, 45.0], "sensor_zenith": [60.0, 30.0]}
+BY_HAND = [
+    {"illumination_zenith": [20.0], "illumination_azimuth": azimuth, "sensor_zenith": [60.0, 30.0]}
+    for azimuth in (-45.0, 0.0, 45.0)
+]
 TURNABLE = facility(illumination_azimuth=(-90.0, 90.0))
 LONG = {"sensor_zenith": [60.0, 50.0, 40.0, 30.0, 20.0, -20.0, -40.0, -60.0]}
 EQUIPPED = facility(sample_rotation=(-180.0, 180.0), polarizer=(0.0, 90.0))
 REPEATING = FACILITY.model_copy(update={"reference": FACILITY.reference.model_copy(update={"repeat_minutes": 2.0})})
-#: Name, part of the plan, seconds a point, further arguments.
-PLANS: list[tuple[str, dict[str, Any], float, dict[str, Any]]] = [
+#: Name, part of the plan or several, seconds a point, further arguments.
+PLANS: list[tuple[str, dict[str, Any] | list[dict[str, Any]], float, dict[str, Any]]] = [
     ("two planes of the paper's artifact scan", PLANES, 20.0, {}),
     ("the same, as fast as it goes", PLANES, AT_ONCE, {}),
     ("four wavelengths at each geometry", COLOURS, AT_ONCE, {}),
@@ -68,7 +71,9 @@ def main() -> None:
         hands = further.pop("hands", 0.0)
         with tempfile.TemporaryDirectory() as folder:
             settings = ScanSettings(dwell=dwell, hands=hands, disk_reserve=0.0)
-            estimated, simulated = durations(Path(folder), [part], settings, **further)
+            estimated, simulated = durations(
+                Path(folder), part if isinstance(part, list) else [part], settings, **further
+            )
         rows.append({"plan": name, "estimated_s": round(estimated, 1), "simulated_s": round(simulated, 1)})
         print(
             f"| {name} | {estimated:.1f} | {simulated:.1f} | {100 * (estimated / simulated - 1):+.2f} % |", flush=True
