@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,8 +16,16 @@ from instrument.errors import InputError
 def replacing(path: Path) -> Iterator[Path]:
     """A name in the same folder to write to; takes the place of ``path`` when the block ends without an error.
 
-    The content is on the disk before the exchange, and the exchange before this returns.
+    The content is on the disk before the exchange, and the exchange before this returns. A device or a pipe
+    (``/dev/null``, ``/dev/stdout``) keeps its place and is given the content.
     """
+    if path.exists() and not path.is_file():
+        with tempfile.TemporaryDirectory() as folder:
+            part = Path(folder) / path.name
+            yield part
+            with part.open("rb") as content, path.open("wb") as sink:
+                shutil.copyfileobj(content, sink)
+        return
     descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
     os.close(descriptor)
     part = Path(name)
