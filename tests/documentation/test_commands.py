@@ -33,6 +33,7 @@ EXECUTED = (
     r"goniotwin predict first\.toml ",
     r"goniotwin diagnose run\.nc$",
     r"goniotwin report runs/first ",
+    r"goniotwin exchange (bird|csv|import|documents|mitsuba|push) ",
 )
 SHELL = ("git", "cd", "cp", "source", "pip", "export")
 INSTEAD = {
