@@ -16,6 +16,7 @@ _VERDICTS = {
     ),
     "undecided": ("warning", "hold", "Several causes are possible", "The next scan below tells them apart."),
 }
+_UNITS = {"deg": "°", "mm": "mm", "nm": "nm", "um": "µm"}
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,18 @@ def which_of(found: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     for entry in found.get("ranking", []):
         name = entry["effect"]
         parameters = named.get(name, {}).get("parameters", {})
-        size = ", ".join(f"{key} {p['value']:.4g} ± {p['u']:.2g}" for key, p in parameters.items())
+        size = ", ".join(_size(key, p["value"], p["u"]) for key, p in parameters.items())
         others = ", ".join(other.replace("_", " ") for other in entry.get("class", [])[1:])
         rows.append((name.replace("_", " "), f"{entry['probability']:.3f}", size, others))
     return rows
+
+
+def _size(key: str, value: float, u: float) -> str:
+    """A parameter with its unit, which its name ends with: ``angle_deg``, ``height_mm``."""
+    name, _, end = key.rpartition("_")
+    unit = _UNITS.get(end) if name else None
+    words = (name if unit else key).replace("_", " ")
+    return f"{words} {value:.4g} ± {u:.2g}{f' {unit}' if unit else ''}".replace("-", "\u2212")
 
 
 def how_far_of(found: dict[str, Any]) -> list[str]:

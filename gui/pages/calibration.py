@@ -7,6 +7,7 @@ from PySide6.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
     QHeaderView,
+    QLineEdit,
     QPushButton,
     QTableWidget,
     QTableWidgetItem,
@@ -66,6 +67,11 @@ class CalibrationPage(Page):
         self.about = quiet()
         self.about.setWordWrap(True)
         body.addWidget(self.about)
+        self.subject = QLineEdit()
+        self.subject.setPlaceholderText("name of the control sample")
+        self.subject.setAccessibleName("Name of the control sample")
+        self.subject.textChanged.connect(lambda _: self._choose())
+        body.addWidget(self.subject)
         self.begin = QPushButton("Carry it out")
         self.begin.setProperty("role", "main")
         self.begin.setMinimumHeight(36)
@@ -115,7 +121,11 @@ class CalibrationPage(Page):
         one = self.chosen()
         setup = self.desk.setup
         why = ""
-        if one is not None and one.needed:
+        named = one is not None and one.needed == ("sample",)
+        self.subject.setVisible(named)
+        if named and not self.subject.text().strip():
+            why = " It needs the name of the control sample."
+        elif one is not None and one.needed and not named:
             why = f" It needs {', '.join(one.needed)}: goniotwin calibrate {one.command} --help."
         elif setup.devices is None and not setup.simulate:
             why = " It needs a laboratory: goniotwin gui --devices, or --simulate."
@@ -129,7 +139,8 @@ class CalibrationPage(Page):
         one = self.chosen()
         if one is None or not self.begin.isEnabled():
             return
-        words_ = ["calibrate", one.command, *laboratory_arguments(self.desk)]
+        subject = [self.subject.text().strip()] if one.needed else []
+        words_ = ["calibrate", one.command, *laboratory_arguments(self.desk), *(["--", *subject] if subject else [])]
         self.guided.run(one.command.replace("-", " ").capitalize(), words_)
         self._choose()
 

@@ -295,7 +295,7 @@ DIAGNOSIS = {
     "where": [{"points": [1, 2, 3], "description": "grazing sensor zeniths at azimuth 0", "strength": 4.2}],
     "effects": [
         {"effect": "sensor_zenith_offset", "class": ["sensor_zenith_offset"], "probability": 0.95,
-         "parameters": {"offset": {"value": 0.41, "u": 0.05}}},
+         "parameters": {"angle_deg": {"value": -0.41, "u": 0.05}, "mean_slope": {"value": 2, "u": 1}}},
     ],
     "ranking": [
         {"effect": "sensor_zenith_offset", "class": ["sensor_zenith_offset", "backlash"], "probability": 0.95},
@@ -316,7 +316,7 @@ def test_a_diagnosis_is_read_as_where_which_how_far_and_what_next(stage: Stage, 
     assert understand.verdict.text() == "A cause is found"
     assert "grazing sensor zeniths" in understand.where.text()
     row = [understand.effects.item(0, column).text() for column in range(4)]
-    assert row == ["sensor zenith offset", "0.950", "offset 0.41 ± 0.05", "backlash"]
+    assert row == ["sensor zenith offset", "0.950", "angle −0.41 ± 0.05 °, mean slope 2 ± 1", "backlash"]
     assert "3.10 % before, 1.20 % after" in understand.far.text()
     assert "a slice backwards" in understand.next.text()
     understand.apply.click()
