@@ -18,6 +18,9 @@ from diagnosis_contract import check_contract
 from gui.diagnosis_words import next_plan_of
 from instrument.__main__ import main
 from instrument.dataset import write_run
+from instrument.facility import read_facility
+from instrument.lambertian import lambertian_flux
+from instrument.plan import read_plan
 from twin.content import content_digest
 from twin.corrections import Correction, Corrections, corrected_twin, write_corrections
 from twin.diagnosis import responses
@@ -177,6 +180,57 @@ def test_report_is_one_page_that_says_the_same(diagnosed: dict[str, Path]):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("diagnosed")
+def test_plans_of_other_scans_are_ready_to_run(lab: Laboratory, call, tmp_path: Path):
+    folder, out = tmp_path / "plans", tmp_path / "d.json"
+    result = call(lab.folder / "run.nc", *lab.files(), "--plans", folder, "--json", out)
+    assert result.exit_code == 0, result.output
+    proposed = json.loads(out.read_text())["next_scan"]
+    files = sorted(folder.iterdir())
+    assert [file.name for file in files] == [f"plan-{n}.toml" for n in range(1, len(proposed) + 1)]
+    facility = read_facility(lab.folder / "facility.toml")
+    known = set(lab.run()["sensor_azimuth"].values)
+    new = False
+    for scan, file in zip(proposed, files, strict=True):
+        assert file.read_text().endswith(scan["plan"])
+        plan = read_plan(file, facility)
+        assert not plan.blocked
+        new |= not {point.sensor_azimuth for point in plan.points} <= known
+    assert new
+    rates = [scan["information_per_hour"] for scan in proposed]
+    assert rates == sorted(rates, reverse=True)
+    # What direction tells, no other plane tells as fast.
+    assert re.search("opposite direction|back and forth", proposed[0]["description"])
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("diagnosed")
+def test_scan_of_the_white_reference_counts_with_the_run(lab: Laboratory, call, tmp_path: Path):
+    """The arm that is off looks beside the lit part of the plate; nothing of the sample does that."""
+    plate, facility = lab.run(), read_facility(lab.folder / "facility.toml")
+    light, zenith, azimuth = (plate[n].values for n in ("illumination_zenith", "sensor_zenith", "sensor_azimuth"))
+    seen = [lambertian_flux(facility, light, zenith + off, azimuth) for off in (TRUE_DEG, 0.0)]
+    at = facility.reference
+    scale = [lambertian_flux(facility, at.illumination_zenith, at.sensor_zenith + off, 0.0) for off in (TRUE_DEG, 0.0)]
+    scatter = np.exp(NOISE * np.random.default_rng(3).standard_normal(len(zenith)))
+    reading = 0.99 * seen[0] / seen[1] / (scale[0] / scale[1]) * scatter
+    for name in plate.data_vars:
+        plate[name] = plate[name] / lab.run()["brf"] * reading
+    plate["brf"].attrs.update(lab.run()["brf"].attrs)
+    write_run(plate, tmp_path / "white.nc")
+    out = tmp_path / "d.json"
+    result = call(lab.folder / "run.nc", *lab.files(), "--white", tmp_path / "white.nc", "--json", out)
+    assert result.exit_code == 0, result.output
+    found = json.loads(out.read_text())
+    assert found["verdict"] == "effects", result.output
+    assert {"sensor_zenith_offset", "backlash"} & set(found["effects"][0]["class"])
+    # The sample in place of the plate is refused.
+    wrong = call(lab.folder / "run.nc", *lab.files(), "--white", lab.folder / "run.nc")
+    assert wrong.exit_code == 2
+    assert "expected the white reference" in wrong.output
+
+
+@pytest.mark.slow
 def test_corrected_twin_serves_the_comparison(lab: Laboratory, diagnosed: dict[str, Path]):
     sizes = {}
     for name, words in {"nominal": [], "corrected": ["--corrections", diagnosed["toml"]]}.items():
@@ -294,7 +348,6 @@ def test_sample_of_several_materials_is_refused_at_once(lab: Laboratory, call, t
 def test_cache_tells_configurations_apart(lab: Laboratory, tmp_path: Path):
     """A chamfer of the table of holes alone makes another plate."""
     from instrument.artifact import read_artifact
-    from instrument.facility import read_facility
     from twin.material import lambertian
 
     rows = (lab.folder / "holes.csv").read_text().splitlines()
