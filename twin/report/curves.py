@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -112,11 +113,15 @@ def draw_symmetric(figure: FigureBase, data: Columns, facets: Sequence[Facet]) -
         rows = facets[number].rows
         rows = rows[np.argsort(columns["sensor_zenith"][rows], kind="stable")]
         x = columns["sensor_zenith"][rows]
-        for suffix, colour, marker, label in (("", BLUE, "o", "baseline"), ("_symmetric", ORANGE, "s", "symmetric")):
+        # Equal values lie upon each other: the broad orange ones stay visible behind the narrow blue ones.
+        for suffix, colour, marker, label, width in (
+            ("_symmetric", ORANGE, "s", "symmetric", 2.6),
+            ("", BLUE, "o", "baseline", 1.0),
+        ):
             y, u = columns[f"brf{suffix}"][rows], columns[f"u_brf{suffix}"][rows]
             there = np.isfinite(y)
             if np.any(there):
-                _bars(axis, x[there], y[there], u[there], colour, marker, label)
+                _bars(axis, x[there], y[there], u[there], Look(colour, marker, label, width))
         axis.grid(True, lw=0.4, alpha=0.5)
 
     axes = _panels(figure, [f.title for f in facets], fill, "reflectance factor", "sensor zenith / degree")
@@ -154,9 +159,21 @@ def draw_principal(figure: FigureBase, data: Columns, facets: Sequence[Facet]) -
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=7.5, frameon=False)
 
 
-def _bars(axis: Axes, x: np.ndarray, y: np.ndarray, u: np.ndarray, colour: str, marker: str, label: str) -> None:
-    axis.errorbar(x, y, yerr=2 * u, fmt="none", ecolor=colour, elinewidth=0.5, capsize=1.4, capthick=0.5)
-    axis.errorbar(x, y, yerr=u, fmt=marker, ms=2.0, color=colour, ecolor=colour, elinewidth=1.4, label=label)
+@dataclass(frozen=True)
+class Look:
+    """Of a series: colour, marker, name, width of the bars in points."""
+
+    colour: str
+    marker: str
+    label: str
+    width: float
+
+
+def _bars(axis: Axes, x: np.ndarray, y: np.ndarray, u: np.ndarray, look: Look) -> None:
+    caps = 1.0 + 0.4 * look.width
+    size = 1.6 + 0.5 * look.width
+    axis.errorbar(x, y, yerr=2 * u, fmt="none", ecolor=look.colour, elinewidth=0.5, capsize=caps, capthick=0.5)
+    axis.errorbar(x, y, yerr=u, fmt=look.marker, ms=size, color=look.colour, elinewidth=look.width, label=look.label)
 
 
 def _thumbnail(axis: Axes, plane: Plane, rows: xr.Dataset) -> None:
