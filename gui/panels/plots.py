@@ -51,7 +51,10 @@ class PlotsPanel(Panel):
         self.body.addWidget(self.graphics, 1)
         self.readout = quiet(_HINT)
         self.readout.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.body.addWidget(self.readout)
+        below = QHBoxLayout()
+        below.addWidget(self.readout, 1)
+        below.addWidget(self.beside)
+        self.body.addLayout(below)
         self._build_plots()
         self._style()
         self._draw()
@@ -77,6 +80,12 @@ class PlotsPanel(Panel):
         self.below.setAccessibleName("What the lower plot shows")
         self.below.setToolTip("Relative difference with bands of |t′| = 1 and 2 (shaded), or t′ itself")
         self.below.currentIndexChanged.connect(lambda _: self._below_changed())
+        self.beside = QComboBox()
+        self.beside.setAccessibleName("Another plane, drawn beside this one")
+        self.beside.setToolTip("Draw the measured values of another plane as a dashed line")
+        self.beside.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.beside.setMinimumContentsLength(16)
+        self.beside.currentIndexChanged.connect(lambda _: self._draw())
         row.addWidget(self.heading, 1)
         row.addWidget(self.follow)
         row.addWidget(self.below)
@@ -106,7 +115,8 @@ class PlotsPanel(Panel):
         self.sim_line = pg.PlotDataItem()
         self.u2, self.u1 = pg.ErrorBarItem(), pg.ErrorBarItem()
         self.measured = pg.ScatterPlotItem()
-        for item in (*self.sim_bands, self.sim_line, self.u2, self.u1, self.measured):
+        self.other = pg.PlotDataItem()
+        for item in (self.other, *self.sim_bands, self.sim_line, self.u2, self.u1, self.measured):
             self.brf_plot.addItem(item)
         self.d_bands = [Band("#000000", 255), Band("#000000", 255)]  # |t'| = 2, 1
         for depth, each in enumerate(self.d_bands):
@@ -161,6 +171,7 @@ class PlotsPanel(Panel):
         for sim, alpha in zip(self.sim_bands, (45, 85), strict=True):
             sim.set_colour(theme.simulated, alpha)
         self.sim_line.setPen(self._pen(theme.simulated, width=2))
+        self.other.setPen(self._pen(theme.text, width=1.4, style=Qt.PenStyle.DashLine))
         self.t_line.setPen(self._pen(theme.quiet_text, width=1, style=Qt.PenStyle.DotLine))
         for line in self.here:
             line.setPen(self._pen(theme.accent, width=1.5, style=Qt.PenStyle.DashDotLine))
@@ -194,9 +205,29 @@ class PlotsPanel(Panel):
         if changes.scan:
             if self.plane not in self.model.planes:
                 self.plane = None
+            self._offer_planes()
             self.fit()
         elif self.plane in changes.planes:
             self._draw()
+
+    def _offer_planes(self) -> None:
+        """Planes that can be drawn beside the one that is shown."""
+        self.beside.blockSignals(True)
+        self.beside.clear()
+        self.beside.addItem("no other plane", None)
+        one_wavelength = len({plane.wavelength for plane in self.model.planes}) == 1
+        for plane in self.model.planes:
+            self.beside.addItem(f"beside: {words.plane_title(plane, not one_wavelength)}", tuple(plane))
+        self.beside.blockSignals(False)
+
+    def _draw_other(self) -> list[Point]:
+        """The measured values of the plane that is chosen beside; returns its points."""
+        key = self.beside.currentData()
+        other = PlaneKey(*key) if key else None
+        points = [] if other in (None, self.plane) else self.model.plane_points(other)
+        points = [point for point in points if point.brf is not None]
+        self.other.setData([p.geometry.sensor_zenith for p in points], [p.brf for p in points])
+        return points
 
     def show_plane(self, plane: PlaneKey | None) -> None:
         """Show another plane."""
@@ -230,8 +261,9 @@ class PlotsPanel(Panel):
         self._draw_measured([p for p in points if p.brf is not None])
         self._draw_scores([p for p in points if p.score is not None])
         self._draw_marks(points)
+        other = self._draw_other()
         if not self._by_hand:
-            self._set_ranges(points)
+            self._set_ranges(points, other)
 
     def _show_heading(self, points: list[Point]) -> None:
         if self.plane is None:
@@ -294,10 +326,10 @@ class PlotsPanel(Panel):
             x=x, y=[0.0] * len(x), symbol="s", size=10, brush=None, pen=pg.mkPen(self.theme.poor, width=1.8)
         )
 
-    def _set_ranges(self, points: list[Point]) -> None:
+    def _set_ranges(self, points: list[Point], beside: list[Point]) -> None:
         zeniths = [p.geometry.sensor_zenith for p in points] or [-90.0, 90.0]
         across = (min(zeniths) - 3, max(zeniths) + 3)
-        ends = [end for p in points for end in _extent(p)]
+        ends = [end for p in (*points, *beside) for end in _extent(p)]
         low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
         step = 0.02 * max(high - low, 1e-3)
         low, high = floor(low / step) * step, ceil(high / step) * step  # axes that do not move with every point

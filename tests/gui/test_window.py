@@ -186,6 +186,21 @@ def test_the_plot_follows_the_arms_until_a_plane_is_chosen(stage: Stage) -> None
     assert table.view.currentIndex().row() == 2
 
 
+def test_another_plane_is_drawn_beside_the_one_that_is_shown(stage: Stage) -> None:
+    running(stage, 40)
+    plots, planes = stage.window.plots, list(stage.window.model.planes)
+    assert plots.beside.count() == 1 + len(planes)
+    table: Any = stage.window.panel("PlanesPanel")
+    table.view.selectRow(0)
+    plots.beside.setCurrentIndex(2)
+    points = [point for point in stage.window.model.plane_points(planes[1]) if point.brf is not None]
+    x, y = plots.other.getData()
+    assert (list(x), list(y)) == ([p.geometry.sensor_zenith for p in points], [p.brf for p in points])
+    assert len(points) > 5
+    plots.beside.setCurrentIndex(1)  # the plane itself: nothing beside it
+    assert plots.other.getData()[0] is None or not len(plots.other.getData()[0])
+
+
 def test_the_table_of_planes_counts_points_and_categories(stage: Stage) -> None:
     running(stage, 8)
     stage.play(PointSkipped(time=START, index=8, geometry=POINTS[8], reason="stalled"))
