@@ -23,7 +23,7 @@ from twin.diagnosis.next_scans import Scan
 from twin.diagnosis.next_stage import Stage, read_again, taken_again
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.problem import Problem
-from twin.diagnosis.responses import AnyResponse
+from twin.diagnosis.response import AnyResponse
 
 #: Draws of the new readings for each explanation.
 DRAWS = 48

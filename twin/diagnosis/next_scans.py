@@ -64,7 +64,7 @@ def scans(stages: Sequence[Stage]) -> list[Scan]:
     stage, *others = stages
     run = stage.observation
     found: list[Scan] = []
-    for rows in _slices(run, np.arange(stage.of_run)):
+    for rows in _apart(run, list(_slices(run, np.arange(stage.of_run)))):
         found += _again(run, rows)
     known = np.unique(np.round(run.columns["illumination_zenith"][: stage.of_run], 6))
     for rows in _slices(run, np.arange(stage.of_run, len(run))):
@@ -89,6 +89,19 @@ def _slices(run: Observation, rows: IntArray) -> Iterator[IntArray]:
         chosen = order[plane[order] == number]
         if len(chosen) >= LEAST_FOLLOWING:
             yield rows[chosen]
+
+
+def _apart(run: Observation, slices: Sequence[IntArray]) -> list[IntArray]:
+    """Of each illumination zenith the slice nearest to the plane of incidence and the one most across it."""
+    first = np.array([rows[0] for rows in slices], dtype=np.int64)
+    across = np.abs(np.sin(np.deg2rad(run.columns["sensor_azimuth"] - run.columns["illumination_azimuth"])[first]))
+    light = np.round(run.columns["illumination_zenith"][first], 6)
+    chosen: dict[int, IntArray] = {}
+    for one in np.unique(light):
+        there = np.flatnonzero(light == one)
+        for number in (there[np.argmin(across[there])], there[np.argmax(across[there])]):
+            chosen[int(number)] = slices[int(number)]
+    return list(chosen.values())
 
 
 def _again(run: Observation, rows: IntArray) -> Iterator[Scan]:

@@ -15,7 +15,7 @@ from twin.diagnosis.covariance import INDEPENDENT
 from twin.diagnosis.effects import Effect
 from twin.diagnosis.joint import OF_A_MOUNTING, OF_A_RUN
 from twin.diagnosis.observation import Observation
-from twin.diagnosis.responses import AnyResponse
+from twin.diagnosis.response import AnyResponse
 from twin.diagnosis.white_reference import prepare_white
 from twin.optics import COORDINATES
 

@@ -20,16 +20,16 @@ from twin.diagnosis.effects import AzimuthEffect, Effect, Known, ReadingEffect, 
 from twin.diagnosis.nuisance import budget_columns
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.problem import Problem
-from twin.diagnosis.responses import (
+from twin.diagnosis.response import (
     AZIMUTH_NODES,
     ZENITH_NODES,
     AnyResponse,
     AzimuthResponse,
     ComputedResponse,
-    Responses,
     TabulatedResponse,
     ZenithResponse,
 )
+from twin.diagnosis.responses import Responses
 from twin.diagnosis.variation import Variation
 from twin.optics import Setup, lay_out, reference_change
 

@@ -236,3 +236,17 @@ def test_plan_has_the_points_of_the_scan_in_their_order(tmp_path):
     half = plan_text("", {name: column[: len(back_and_forth.rows) // 2] for name, column in columns.items()})
     # What does not grow with the points (homing, reference) is paid once.
     assert duration_of(half, facility) < duration_of(text, facility) < 2 * duration_of(half, facility)
+
+
+def test_of_many_planes_those_along_and_across_the_plane_of_incidence_are_read_again():
+    columns = grid({0.0: (0.0, 45.0, 90.0, 135.0), 30.0: (20.0, 60.0, 120.0)}, 20.0)
+    library = [constant("shift", count=len(columns["wavelength"]))]
+    run = observed(columns)
+    count = len(run)
+    taken = Acquisition(columns, np.ones(count), 15.0, np.zeros(1), np.arange(count), np.ones(count))
+    here = Stage(run, taken, {one.name: one for one in library}, {}, np.zeros((count, 1)), np.zeros(count), count)
+    found = {
+        (columns["illumination_zenith"][scan.rows[0]], columns["sensor_azimuth"][scan.rows[0]])
+        for scan in scans([here])
+    }
+    assert found == {(0.0, 0.0), (0.0, 90.0), (30.0, 20.0), (30.0, 60.0)}
