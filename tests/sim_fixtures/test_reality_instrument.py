@@ -218,10 +218,10 @@ def test_a_sound_run_agrees_with_a_perfect_model_as_well_as_the_papers(
 ) -> None:
     plan = read_plan(example_files().plan, facility)
     geometries = [(p.illumination_zenith, p.sensor_zenith, p.sensor_azimuth) for p in plan.points]
-    perfect = Reality(facility, artifact, seed=77, rays=16384)
+    perfect = Reality(facility, artifact, seed=77, rays=8192)
     expected = np.array([perfect.flux("sample", *geometry) for geometry in geometries])
     for seed in (1, 2):
-        real = Reality(facility, artifact, Imperfections.within_budget(facility, seed), seed, rays=16384)
+        real = Reality(facility, artifact, Imperfections.within_budget(facility, seed), seed, rays=8192)
         reference = np.mean([real.flux("reference", 0.0, 15.0, a) for a in facility.reference.sensor_azimuth]) / 0.99
         difference = np.array([real.flux("sample", *g) for g in geometries]) / reference / expected - 1.0
         assert np.sqrt(np.mean(difference**2)) < 0.02
