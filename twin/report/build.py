@@ -6,8 +6,6 @@ import hashlib
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
-
 from instrument.errors import InputError
 from instrument.run_archive import verify
 from instrument.run_read import capabilities
@@ -24,7 +22,7 @@ from twin.report.course import (
 )
 from twin.report.diagnosed import diagnosis_blocks
 from twin.report.document import Block, Document, LeftOut, Points, Section, Table, Words
-from twin.report.measured import material_blocks, sample_blocks, symmetric_plots
+from twin.report.measured import material_blocks, relative_u, sample_blocks, symmetric_plots
 from twin.report.sources import Sources
 from twin.report.uncertain import budget_blocks, dimensions_table, prediction_budget
 from twin.report.words import counted, moment, span
@@ -88,8 +86,7 @@ def _summary(sources: Sources) -> list[Block]:
     elif run is not None:
         lines.append(f"{counted(run.sizes['point'], 'point')}.")
     if run is not None:
-        relative = 100 * run["u_brf"].values / np.abs(run["brf"].values)
-        lines.append(f"Combined standard uncertainty of the reflectance factor: {span(relative, 2, '%')}.")
+        lines.append(f"Combined standard uncertainty of the reflectance factor: {span(relative_u(run), 2, '%')}.")
     gist = _gist(sources.comparison)
     if sources.diagnosis is not None:
         named = ", ".join(one.effect.replace("_", " ") for one in sources.diagnosis.effects)

@@ -35,6 +35,13 @@ def usable(run: xr.Dataset) -> xr.Dataset:
     return run.isel(point=np.flatnonzero(keep))
 
 
+def relative_u(run: xr.Dataset) -> FloatArray:
+    """Combined standard uncertainty in per cent of the reflectance factor, of the points where that is not 0."""
+    brf, u = (run[name].values.astype(float) for name in ("brf", "u_brf"))
+    some = brf != 0
+    return 100 * u[some] / np.abs(brf[some])
+
+
 def space_table(run: xr.Dataset, name: str, counterpart: str, what: str) -> Table:
     """The angles and wavelengths that were measured, a row a quantity; sensor azimuths by illumination."""
     rows = [
@@ -53,7 +60,7 @@ def space_table(run: xr.Dataset, name: str, counterpart: str, what: str) -> Tabl
         rows.append(["rotation of the sample", listed(run["sample_rotation"].values) + "°"])
     rows.append(["points measured", str(run.sizes["point"])])
     rows.append(["reflectance factor", span(run["brf"].values, 4)])
-    rows.append(["combined standard uncertainty", span(100 * run["u_brf"].values / np.abs(run["brf"].values), 2, "%")])
+    rows.append(["combined standard uncertainty", span(relative_u(run), 2, "%")])
     return Table(name, f"What was measured of {what}.", ["quantity", "values"], rows, (), counterpart)
 
 

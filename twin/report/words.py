@@ -22,6 +22,8 @@ def fixed(value: float, decimals: int) -> str:
 def span(values: ArrayLike, decimals: int, unit: str = "") -> str:
     """Least and greatest of some values, one where they look the same."""
     array = np.asarray(values, dtype=float)
+    if not np.any(np.isfinite(array)):
+        return "-"
     low, high = (f"{end:.{decimals}f}" for end in (np.nanmin(array), np.nanmax(array)))
     return (low if low == high else f"{low} to {high}") + (f" {unit}" if unit else "")
 

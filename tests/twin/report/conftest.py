@@ -11,7 +11,7 @@ from matplotlib.figure import FigureBase
 
 from instrument.run_write import write_prediction, write_run
 from twin.report.build import build_report
-from twin.report.document import Document, Plot
+from twin.report.document import Block, Document, Plot
 from twin.report.sources import Named, Sources, read_sources
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "instrument"))  # journals and run folders: example_runs
@@ -50,13 +50,16 @@ def geometries() -> list[tuple[float, ...]]:
     return [(500.0, zenith, 0.0, sensor, azimuth) for zenith, azimuth in PLANES for sensor in (40.0, -30.0, -40.0)]
 
 
-def sketch(document: Document) -> Document:
-    """The same report with empty figures, which are drawn at once."""
+def sketch(document: Document, height: float = 0.2) -> Document:
+    """The same report with empty figures of one height in inch, which are drawn at once."""
     sections = [
-        replace(section, blocks=[replace(b, draw=_nothing) if isinstance(b, Plot) else b for b in section.blocks])
-        for section in document.sections
+        replace(section, blocks=[_empty(block, height) for block in section.blocks]) for section in document.sections
     ]
     return replace(document, sections=sections)
+
+
+def _empty(block: Block, height: float) -> Block:
+    return replace(block, draw=_nothing, height=height) if isinstance(block, Plot) else block
 
 
 def _nothing(figure: FigureBase) -> None:

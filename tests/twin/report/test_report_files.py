@@ -7,7 +7,6 @@ import hashlib
 import json
 import re
 import shutil
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -204,12 +203,13 @@ def test_figures_stand_beside_the_data_behind_them(document, tmp_path):
 
 def test_a_figure_without_room_waits_for_the_next_sheet(document):
     # A sheet has 10.2 inch for text; eight lines of words take 1.3, a high figure with its caption more than 9.
-    high = replace(document.plots()[0], height=8.7)
-    blocks = [Points(["a word"] * 8), high, Words("a word")]
-    content = pdf_of(sketch(Document(EVIL, "", [Section("one", blocks)])))
+    blocks = [Points(["a word"] * 8), document.plots()[0], Words("a word")]
+    few = Document(EVIL, "", [Section("one", blocks)])
+    assert len(re.findall(rb"/Type /Page\b", pdf_of(sketch(few, 6.0)))) == 1
+    content = pdf_of(sketch(few, 8.7))
     assert content.startswith(b"%PDF")
     assert len(re.findall(rb"/Type /Page\b", content)) == 2
-    assert pdf_of(sketch(Document(EVIL, "", [Section("one", blocks)]))) == content
+    assert pdf_of(sketch(few, 8.7)) == content
 
 
 def test_text_is_broken_where_the_line_ends():
