@@ -59,8 +59,18 @@ def take_all(folder: Path, run: Path | None, diagnosed: Path | None = None) -> i
             if subprocess.run(command, env=environment, cwd=home, check=False).returncode != 0:
                 return EXIT_INCOMPLETE
     for path in sorted(folder.glob("*.png")):
+        _shrink(path)
         print(f"written: {path}")
     return EXIT_DONE
+
+
+def _shrink(path: Path) -> None:
+    """Few colours are enough for a window, and a third of the bytes."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        few = picture.convert("RGB").quantize(128, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
 
 
 def _measure(folder: Path) -> Path:

@@ -133,7 +133,14 @@ class UnderstandPage(Page):
         row.addLayout(texts, 1)
         self.report = QPushButton("Open the report")
         self.report.clicked.connect(self._open_report)
-        row.addWidget(self.report)
+        self.apply = QPushButton("Use the corrected twin")
+        self.apply.setToolTip("From the next start on the named effects, as found, are part of the prediction")
+        self.apply.clicked.connect(self._apply)
+        self.load = QPushButton("Load the next plan")
+        self.load.setToolTip("The scan that is proposed below, on the page Set up")
+        self.load.clicked.connect(self._load_plan)
+        for button in (self.report, self.apply, self.load):
+            row.addWidget(button)
         body.addLayout(row)
         return self.headline
 
@@ -164,10 +171,6 @@ class UnderstandPage(Page):
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setSectionResizeMode(3, QHeaderView.ResizeMode.Stretch)
         body.addWidget(self.effects, 1)
-        self.apply = QPushButton("Use the corrected twin from the next start on")
-        self.apply.setToolTip("The named effects, as found, become part of the prediction")
-        self.apply.clicked.connect(self._apply)
-        body.addWidget(self.apply)
         return frame
 
     def _next(self) -> QWidget:
@@ -175,10 +178,7 @@ class UnderstandPage(Page):
         self.next = QLabel("–")
         self.next.setWordWrap(True)
         self.next.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.load = QPushButton("Load the next plan")
-        self.load.clicked.connect(self._load_plan)
         body.addWidget(self.next)
-        body.addWidget(self.load)
         return frame
 
     # What is diagnosed

@@ -46,7 +46,7 @@ class HistoryPanel(Panel):
             plot = self.graphics.addPlot(row=row, col=0)
             steady_axes(plot)
             plot.setLabel("left", name)
-            plot.showGrid(x=True, y=True, alpha=0.15)
+            plot.showGrid(x=row == len(_ROWS) - 1, y=True, alpha=0.15)
             plot.setMenuEnabled(False)
             plot.hideButtons()
             plot.enableAutoRange(False)
@@ -55,7 +55,7 @@ class HistoryPanel(Panel):
             if self.plots:
                 plot.setXLink(self.plots[0])
             if row < len(_ROWS) - 1:
-                plot.getAxis("bottom").setStyle(showValues=False)
+                plot.hideAxis("bottom")
             self.plots.append(plot)
         self.plots[-1].setLabel("bottom", "hours since the start")
         self.reference = pg.ScatterPlotItem()

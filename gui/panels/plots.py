@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import ceil, floor, hypot
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from gui.panels.base import Panel, quiet
 from gui.panels.legend import legend
 from gui.scores import CATEGORIES
 from gui.theme import Theme
+from gui.traces import roomy
 
 _DIFFERENCE, _SCORE = "Relative difference", "t′"
 _T_SPAN = T_BANDS[1] * 1.75  # of the t' axis, where no point needs more
@@ -140,6 +141,7 @@ class PlotsPanel(Panel):
         self.t_plot.addItem(self.missing, ignoreBounds=True)
         self._by_hand = False
         self._ranges: tuple[Any, ...] = ()
+        self._offered: list[PlaneKey] | None = None
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
 
     def _style(self) -> None:
@@ -211,7 +213,10 @@ class PlotsPanel(Panel):
             self._draw()
 
     def _offer_planes(self) -> None:
-        """Planes that can be drawn beside the one that is shown."""
+        """Planes that can be drawn beside the one that is shown; the choice stands while they are the same."""
+        if self._offered == list(self.model.planes):
+            return
+        self._offered = list(self.model.planes)
         self.beside.blockSignals(True)
         self.beside.clear()
         self.beside.addItem("no other plane", None)
@@ -235,7 +240,8 @@ class PlotsPanel(Panel):
             self.plane = plane
             self.readout.setText(_HINT)
             if self.isVisible():
-                self.fit()
+                self._by_hand = False
+                self._draw()
             else:
                 self._pending = self._pending.joined(Changes(scan=True))
 
@@ -248,6 +254,7 @@ class PlotsPanel(Panel):
     def fit(self) -> None:
         """Let the axes follow the data again."""
         self._by_hand = False
+        self._ranges = ()
         self._draw()
 
     def _moved_by_hand(self, *_: object) -> None:
@@ -330,19 +337,18 @@ class PlotsPanel(Panel):
         zeniths = [p.geometry.sensor_zenith for p in points] or [-90.0, 90.0]
         across = (min(zeniths) - 3, max(zeniths) + 3)
         ends = [end for p in (*points, *beside) for end in _extent(p)]
-        low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
-        step = 0.02 * max(high - low, 1e-3)
-        low, high = floor(low / step) * step, ceil(high / step) * step  # axes that do not move with every point
-        margin = max(0.06 * (high - low), 1e-4)
+        low, high = (min(ends), max(ends)) if ends else self._ranges[1] if self._ranges else (0.0, 1.0)
         compared = [p for p in points if p.score is not None]
         least = max([3.5 * _percent_u(p) for p in compared] or [4.0]) if self.shows_difference else _T_SPAN
         span = max([least, *(abs(self._lower(p)) * 1.15 for p in compared)])
-        ranges = (across, (low - margin, high + margin), span)
+        shown = self._ranges or (None, None, None)
+        upright, below = roomy(low, high, shown[1], 1e-3), roomy(-span, span, shown[2], 1e-3)
+        ranges = (across, upright, below)
         if ranges != self._ranges:  # Qt lays the axes out anew even where nothing changes
             self._ranges = ranges
             self.brf_plot.setXRange(*across, padding=0)
-            self.brf_plot.setYRange(*ranges[1], padding=0)
-            self.t_plot.setYRange(-span, span, padding=0)
+            self.brf_plot.setYRange(*upright, padding=0)
+            self.t_plot.setYRange(*below, padding=0)
 
     def _point_at(self, position: Any) -> None:
         """Say what there is to know of the point nearest to the pointer."""
