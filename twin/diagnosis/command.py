@@ -71,11 +71,14 @@ def diagnose_command(
 
     Without --artifact, --material and --facility the run's symmetries alone are tested, which needs no simulation.
     """
+    from instrument.errors import InputError
     from instrument.output import check_writable
 
     for file in (json, prediction, report, save_twin):
         if file is not None:
             check_writable(file)
+    if plans is not None and plans.exists() and not plans.is_dir():
+        raise InputError(f"{plans}: is a file; expected a folder for the plans, which may be a new one")
     inputs = _inputs(runs[0], {"facility": facility, "artifact": artifact, "material": material})
     if inputs is None or columns is not None:
         outputs = {"--prediction": prediction, "--report": report, "--save-twin": save_twin, "--plans": plans}

@@ -335,6 +335,13 @@ def test_wrong_run_is_one_clear_message(lab: Laboratory, call, tmp_path: Path, c
     assert "wrong.nc" in result.output
 
 
+def test_plans_need_a_folder_before_anything_is_worked_out(lab: Laboratory, call, tmp_path: Path):
+    (tmp_path / "plans").write_text("")
+    result = call(lab.folder / "no-run.nc", *lab.files(), "--plans", tmp_path / "plans")
+    assert result.exit_code == 2
+    assert "plans: is a file; expected a folder" in result.output
+
+
 def test_sample_of_several_materials_is_refused_at_once(lab: Laboratory, call, tmp_path: Path):
     text = '[default]\nmodel = "lambertian"\nreflectance = 0.6\n[floor]\nmodel = "lambertian"\nreflectance = 0.5\n'
     (tmp_path / "two.toml").write_text(text)
