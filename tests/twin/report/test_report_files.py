@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import pair, sketch
 from example_runs import PLAN, four_points, header, minimal_run, status
+from report_samples import pair, sketch
 
 from instrument.amending import amend
 from instrument.journal import Journal

@@ -7,8 +7,8 @@ import io
 
 import numpy as np
 import pytest
-from conftest import U_MEASURED, dataset, geometries
 from example_runs import four_points, geometry, header, reading, references
+from report_samples import U_MEASURED, dataset, geometries
 
 from instrument.journal import Journal, read_journal
 from instrument.run_build import rebuild_run
