@@ -63,7 +63,7 @@ ROW = st.tuples(
 )
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(st.lists(ROW, min_size=1, max_size=6))
 def test_geometry_values_and_uncertainties_come_back(rows: list[tuple[float, ...]]) -> None:
     run = run_of(rows)
@@ -75,7 +75,7 @@ def test_geometry_values_and_uncertainties_come_back(rows: list[tuple[float, ...
         np.testing.assert_allclose(back[name], run[name], rtol=1e-14)
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(st.lists(ROW, min_size=1, max_size=6))
 def test_angles_keep_to_the_ranges_of_the_format(rows: list[tuple[float, ...]]) -> None:
     data = bird_document(run_of(rows), "run.nc")["data"]
@@ -96,14 +96,16 @@ def test_a_negative_zenith_a_turned_sample_and_the_factor_pi() -> None:
     assert data["wavelength_i"] == {"unit": "nm", "values": [550.0]}
 
 
-def measured(tmp_path: Path) -> Path:
-    folder = four_points(tmp_path / "run", record={"sample": "plate 3", "operator": "N. N."})
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run folder with its run file; nothing changes it."""
+    folder = four_points(tmp_path_factory.mktemp("measured") / "run", record={"sample": "plate 3", "operator": "N. N."})
     write_run(rebuild_run(folder), folder / "run.nc")
     return folder
 
 
-def test_a_measured_run_keeps_times_flags_components_and_their_correlation(tmp_path: Path) -> None:
-    folder = measured(tmp_path)
+def test_a_measured_run_keeps_times_flags_components_and_their_correlation(measured: Path, tmp_path: Path) -> None:
+    folder = measured
     assert status("exchange", "bird", folder, tmp_path / "run.json") == 0
     assert status("exchange", "import", tmp_path / "run.json", tmp_path / "back.nc") == 0
     run, back = read_run(folder / "run.nc"), read_run(tmp_path / "back.nc")
@@ -117,8 +119,8 @@ def test_a_measured_run_keeps_times_flags_components_and_their_correlation(tmp_p
     assert "signal" not in back
 
 
-def test_everything_that_the_schema_requires_is_there(tmp_path: Path) -> None:
-    run = read_run(measured(tmp_path) / "run.nc")
+def test_everything_that_the_schema_requires_is_there(measured: Path, tmp_path: Path) -> None:
+    run = read_run(measured / "run.nc")
     (tmp_path / "metadata.toml").write_text(METADATA)
     document = bird_document(run, "run.nc", metadata=read_metadata(tmp_path / "metadata.toml"))
     for place, names in REQUIRED.items():
@@ -135,8 +137,8 @@ def test_everything_that_the_schema_requires_is_there(tmp_path: Path) -> None:
     assert document["metadata"]["timestamp"] == "2026-03-02T08:01:00+00:00"
 
 
-def test_what_nobody_stated_is_named_and_an_instrument_without_its_source_is_left_out(tmp_path: Path) -> None:
-    run = read_run(measured(tmp_path) / "run.nc")
+def test_what_nobody_stated_is_named_and_an_instrument_without_its_source_is_left_out(measured: Path) -> None:
+    run = read_run(measured / "run.nc")
     document = bird_document(run, "run.nc")
     assert document["metadata"]["instrumentation"] == "NA"
     missing = unstated(document)
@@ -145,8 +147,8 @@ def test_what_nobody_stated_is_named_and_an_instrument_without_its_source_is_lef
     assert "sample.name" not in missing
 
 
-def test_the_same_measurement_has_the_same_name(tmp_path: Path) -> None:
-    run = read_run(measured(tmp_path) / "run.nc")
+def test_the_same_measurement_has_the_same_name(measured: Path) -> None:
+    run = read_run(measured / "run.nc")
     first, again = (bird_document(run, source)["metadata"]["id"] for source in ("a", "b"))
     other = bird_document(run_of([(550.0, 0, 0, 10.0, 0, 0, 0.5, 0.1)]), "c")["metadata"]["id"]
     assert first == again != other
@@ -281,8 +283,8 @@ def test_values_that_the_format_has_no_room_for_are_refused() -> None:
         bird_document(negative, "run.nc")
 
 
-def test_nothing_is_replaced_without_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run, out = measured(tmp_path) / "run.nc", tmp_path / "out.csv"
+def test_nothing_is_replaced_without_force(measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run, out = measured / "run.nc", tmp_path / "out.csv"
     out.write_text("mine")
     assert status("exchange", "csv", run, out) == 2
     assert "exists already; choose another name, or replace it with --force" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import xarray as xr
 from example_runs import four_points
 
 from instrument.dataset import read_run, rebuild_run, write_run
-from instrument.run_archive import verify
+from instrument.run_archive import first_difference, verify
 
 
 @pytest.fixture(scope="module")
@@ -43,19 +43,27 @@ def scaled(name: str, factor: float) -> Callable[[xr.Dataset], object]:
         (lambda run: run["u_brf_noise"].attrs.update(degrees_of_freedom=3.0), "degrees_of_freedom: found"),
         (lambda run: run.update({"u_brf_extra": run["u_brf"]}), "u_brf_extra: found; the journal gives no such"),
         (lambda run: run.attrs.update(scan_direction="serpentine"), "global attribute scan_direction"),
-        (lambda run: run.attrs.update(journal_digest="0" * 64), "made of another journal"),
     ],
 )
-def test_a_changed_run_file_is_found(
-    made: Path, tmp_path: Path, change: Callable[[xr.Dataset], object], said: str
-) -> None:
+def test_a_changed_run_file_is_found(made: Path, change: Callable[[xr.Dataset], object], said: str) -> None:
+    """By what ``verify`` compares the file with the journal."""
+    expected = read_run(made / "run.nc")
+    changed = expected.copy(deep=True)
+    assert first_difference(changed, expected) == ""
+    change(changed)
+    assert re.search(said, first_difference(changed, expected))
+
+
+def test_a_run_file_of_another_journal_is_found(made: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(made, tmp_path / "run"))
     run = read_run(folder / "run.nc")
-    change(run)
+    run["brf"].values[1] *= 1 + 1e-6
+    run.attrs["journal_digest"] = "0" * 64
     write_run(run, folder / "run.nc")
-    found = [check for check in verify(folder).checks if not check.passed]
-    assert len(found) == 1
-    assert re.search(said, found[0].found)
+    found = {check.name: check.found for check in verify(folder).checks if not check.passed}
+    assert set(found) == {"digest", "run.nc"}
+    assert "made of another journal" in found["digest"]
+    assert "brf[1]: found" in found["run.nc"]
 
 
 def test_an_unchanged_one_passes_and_a_missing_one_does_not(made: Path, tmp_path: Path) -> None:
