@@ -15,12 +15,15 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from reliability_alike import Uninterrupted, farthest_allowed, together_wrong, uninterrupted
 from reliability_crash import forked, killed, status_of
 from reliability_faults import CLOSE, PLAN
 from reliability_list import AXES
 
 from drivers.configuration import planned, read_devices
+from instrument.budget import point_budget
 from instrument.events import Event, PointMeasured
+from instrument.facility import read_facility
 from instrument.journal import JOURNAL_NAME, read_journal
 from instrument.session import ScanRequest, ScanSession
 from instrument.settings import ScanSettings
@@ -32,9 +35,6 @@ SPEED = 50.0
 #: Wall-clock s after which the source goes dark by itself, and the extra that a busy machine gets.
 WATCHDOG, PATIENCE = 2, 1.0
 SETTINGS = ScanSettings(dwell=5.0, keep_alive_wall=0.5, look_wall=0.5, relight="self", disk_reserve=0.0)
-#: What two readings of one point may differ by, relative. 2 % was exceeded once, by 2.006 %, in 29 runs: the scatter of
-#: uninterrupted scans was not measured yet, so that noise explains it is not shown.
-ALIKE = 0.04
 #: Exit status of a scan that recorded an arm where it was not.
 LIED = 5
 
@@ -45,6 +45,7 @@ def wire_trial(
     before: dict[str, Any] | None = None,
     keep: Callable[[dict[str, Any]], None] = lambda _: None,
     most_kills: int = 2,
+    whole: int = 12,
 ) -> dict[str, Any]:
     """Kill scans, look at the laboratory that is left alone, and let them finish.
 
@@ -56,30 +57,39 @@ def wire_trial(
         What earlier scans have shown: these are added.
     keep
         Gets what is known after each scan, so that a trial that is cut short keeps it.
+    whole
+        Uninterrupted scans, with whose mean every point of a resumed one is compared.
     """
-    found: dict[str, Any] = before or {"trials": 0, "watchdog_s": WATCHDOG, "wrong": []}
+    found: dict[str, Any] = before or {"trials": 0, "watchdog_s": WATCHDOG, "wrong": [], "off": []}
     found = {"kills": 0, "emitting": 0, "moving": 0, "dark_after_s": 0.0, **found}
     draw = random.Random(3 + found["trials"])
     folder.mkdir(parents=True)
     (folder / "plan.toml").write_text(PLAN)
     (folder / "laboratory").mkdir()
-    with start_simulated(folder / "laboratory", speed=SPEED, flux="lambertian") as laboratory:
+    seed = 1 + found["trials"]
+    with start_simulated(folder / "laboratory", speed=SPEED, seed=seed, flux="lambertian") as laboratory:
         _quicken(laboratory)
         planned(read_devices(laboratory.inputs.devices))  # loads the drivers once, for every child
         began = time.monotonic()
-        status = _end(folder / "whole", folder, laboratory)
-        took = time.monotonic() - began
-        if status:
-            return found | {"wrong": [f"the uninterrupted scan ended with {status}"]}
-        expected = _currents(folder / "whole")
+        for number in range(whole):
+            if status := _end(folder / f"whole-{number}", folder, laboratory):
+                return found | {"wrong": [f"an uninterrupted scan ended with {status}"]}
+        took = (time.monotonic() - began) / whole
+        currents = [_currents(folder / f"whole-{number}") for number in range(whole)]
+        expected = uninterrupted(currents, _stated(folder / "whole-0", laboratory))
+        found |= {"whole": whole, "scatter": round(expected.scatter, 3), "freedom": expected.freedom}
+        found["wrong"] += expected.wrong()
+        found["allowed"] = round(farthest_allowed((found["trials"] + runs) * len(expected.mean)), 2)
         for number in range(runs):
             run = folder / f"run-{number}"
             for _ in range(draw.randint(1, most_kills)):
                 if not _kill(run, folder, laboratory, draw.uniform(0.3, took), found):
                     break
-            _finish(run, folder, laboratory, expected, found["wrong"])
+            _finish(run, folder, laboratory, expected, found)
             found["trials"] += 1
             keep(found)
+        if found["off"]:
+            found["wrong"] += together_wrong(found["off"], whole, len(expected.mean))
     return found
 
 
@@ -118,8 +128,9 @@ def _moving(state: dict[str, Any]) -> list[str]:
 
 
 def _finish(
-    run: Path, folder: Path, laboratory: SimulatedLaboratory, expected: dict[int, float], wrong: list[str]
+    run: Path, folder: Path, laboratory: SimulatedLaboratory, expected: Uninterrupted, found: dict[str, Any]
 ) -> None:
+    wrong = found["wrong"]
     if status := _end(run, folder, laboratory):
         lied = status == LIED
         wrong.append(f"{run.name}: " + ("an arm was not where it was recorded" if lied else _reason(run).read_text()))
@@ -129,13 +140,14 @@ def _finish(
         wrong.append(f"{run.name}: no safe end")
     lines = (run / JOURNAL_NAME).read_bytes().splitlines()
     indices = sorted(record["index"] for record in map(json.loads, lines) if record["kind"] == "point")
-    if indices != sorted(expected):
+    if indices != sorted(expected.mean):
         wrong.append(f"{run.name}: points {indices}")
-    currents = _currents(run)
+    off = expected.off(_currents(run))
+    found["off"] += [round(value, 2) for value in off.values()]
     wrong += [
-        f"{run.name}: point {index} reads {currents[index]:.4g} A instead of {value:.4g}"
-        for index, value in expected.items()
-        if index in currents and abs(currents[index] / value - 1.0) > ALIKE
+        f"{run.name}: point {index} lies {value:+.2f} standard deviations off, allowed {found['allowed']:.2f}"
+        for index, value in off.items()
+        if abs(value) > found["allowed"]
     ]
 
 
@@ -215,4 +227,14 @@ def _currents(run: Path) -> dict[int, float]:
     return {
         index: (sum(point["signal"]) / len(point["signal"]) - point["dark"]) / point["gain"] / point["source_power"]
         for index, point in read_journal(run).points.items()
+    }
+
+
+def _stated(run: Path, laboratory: SimulatedLaboratory) -> dict[int, float]:
+    """Relative standard deviation of a reading of every point, as the facility states it."""
+    budget = read_facility(laboratory.inputs.facility).budget
+    geometries = {index: point["geometry"] for index, point in read_journal(run).points.items()}
+    return {
+        index: float(point_budget(budget, at["illumination_zenith"], at["sensor_zenith"], 1.0)["u_brf_noise"])
+        for index, at in geometries.items()
     }

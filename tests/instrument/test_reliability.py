@@ -6,11 +6,13 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+from reliability_alike import farthest_allowed, together_wrong, uninterrupted  # noqa: E402
 from reliability_bench import measured, problems_of, small_scan  # noqa: E402
 from reliability_crash import cut_trial, disk_trial, kill_trial  # noqa: E402
 from reliability_faults import fault_trial, faults  # noqa: E402
@@ -70,9 +72,30 @@ def test_a_scan_killed_on_real_wires_leaves_a_dark_laboratory_and_is_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("GONIOTWIN_LOCK_DIR", str(tmp_path / "locks"))
-    found = wire_trial(tmp_path / "wires", 1, most_kills=1)
+    found = wire_trial(tmp_path / "wires", 1, most_kills=1, whole=1)
     assert found["wrong"] == []
     assert found["kills"] == 1
+    assert len(found["off"]) == 8
+
+
+def _scan(random: np.random.Generator, scale: float = 1.0, noise: float = 0.005) -> dict[int, float]:
+    return {index: scale * (1.0 + index) * float(1.0 + noise * random.standard_normal()) for index in range(8)}
+
+
+def test_two_readings_may_differ_by_their_noise_and_by_no_more() -> None:
+    random = np.random.default_rng(1)
+    expected = uninterrupted([_scan(random) for _ in range(12)], dict.fromkeys(range(8), 0.005))
+    off = [value for _ in range(40) for value in expected.off(_scan(random)).values()]
+    assert expected.wrong() == together_wrong(off, 12, 8) == []
+    assert np.std(off) == pytest.approx(1.0, abs=0.1)
+    # Normal quantile of 1 - 0.01/640, after Abramowitz and Stegun, Table 26.5 (4.1 to 4.2 for 2e-5 to 1.3e-5).
+    assert 4.1 < farthest_allowed(320) < 4.2
+    assert max(map(abs, off)) < farthest_allowed(320)
+    # 0.2 % on all points together, 3 % on one, and a scatter that is not the one stated, do not pass.
+    shifted = [value for _ in range(40) for value in expected.off(_scan(random, 1.002)).values()]
+    assert together_wrong(shifted, 12, 8) != []
+    assert abs(expected.off(_scan(random) | {3: 4.0 * 1.03})[3]) > farthest_allowed(320)
+    assert uninterrupted([_scan(random, noise=0.007) for _ in range(12)], dict.fromkeys(range(8), 0.005)).wrong()
 
 
 @pytest.mark.parametrize("family", ["SMC100", "ESP301", "AZ", "SuperK", "SELECT", "34465A", "FEMTO", "Modbus I/O"])
