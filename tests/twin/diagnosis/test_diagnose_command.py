@@ -18,14 +18,14 @@ from diagnosis_contract import check_contract
 from gui.diagnosis_words import next_plan_of
 from instrument.__main__ import main
 from instrument.dataset import write_run
-from instrument.facility import read_facility
+from instrument.facility import Arms, read_facility
 from instrument.lambertian import lambertian_flux
 from instrument.plan import read_plan
 from twin.content import content_digest
 from twin.corrections import Correction, Corrections, corrected_twin, write_corrections
-from twin.diagnosis import responses
+from twin.diagnosis import followup, next_scans, responses
 from twin.diagnosis.effects import effect
-from twin.diagnosis.observation import read_observation
+from twin.diagnosis.observation import Observation, read_observation
 from twin.diagnosis.workbench import Workbench
 from twin.prediction import Twin
 
@@ -181,7 +181,12 @@ def test_report_is_one_page_that_says_the_same(diagnosed: dict[str, Path]):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("diagnosed")
-def test_plans_of_other_scans_are_ready_to_run(lab: Laboratory, call, tmp_path: Path):
+def test_plans_of_other_scans_are_ready_to_run(lab: Laboratory, call, tmp_path: Path, monkeypatch):
+    def one_plane(run: Observation, arms: Arms) -> dict[str, np.ndarray]:
+        found = next_scans.other_geometries(run, arms)
+        return {name: column[found["sensor_azimuth"] == found["sensor_azimuth"][0]] for name, column in found.items()}
+
+    monkeypatch.setattr(followup, "other_geometries", one_plane)
     folder, out = tmp_path / "plans", tmp_path / "d.json"
     result = call(lab.folder / "run.nc", *lab.files(), "--plans", folder, "--json", out)
     assert result.exit_code == 0, result.output
