@@ -146,6 +146,7 @@ def written_files(page: Path) -> dict[str, str]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # of the wall clock, on a busy machine
 def test_the_tutorial_and_other_cheap_commands_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

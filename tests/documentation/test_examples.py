@@ -69,6 +69,7 @@ def test_propagate(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # of the wall clock, on a busy machine
 def test_diagnose(tmp_path: Path) -> None:
     left, _ = run("diagnose", tmp_path)
     found = left["found"]

@@ -23,12 +23,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert "-W" in command
     assert command[-1] == "build/docs"
     command[-1] = str(out)
-    done = subprocess.run(command, check=False, cwd=HOME, capture_output=True, text=True, timeout=280)
+    done = subprocess.run(command, check=False, cwd=HOME, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     return out
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # the first of these builds it
 def test_every_page_is_built_and_found_in_the_navigation(site: Path) -> None:
     index = (site / "index.html").read_text(encoding="utf-8")
     for page in DOCS.glob("*.md"):
