@@ -39,7 +39,7 @@ class Trace:
         """Append rows; the oldest ones are forgotten where there are too many."""
         new = np.array(list(rows), dtype=float).reshape(-1, self._data.shape[1])[-_KEPT:]
         if self._count + len(new) > _KEPT:
-            keep = self.rows[-(_KEPT - len(new)) // 2 :].copy()
+            keep = self.rows[max(self._count - (_KEPT - len(new)) // 2, 0) :].copy()
             self._data[: len(keep)], self._count = keep, len(keep)
         if self._count + len(new) > len(self._data):
             grown = np.empty((min(2 * (self._count + len(new)), _KEPT), self._data.shape[1]))
