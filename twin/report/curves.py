@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -115,8 +116,8 @@ def draw_symmetric(figure: FigureBase, data: Columns, facets: Sequence[Facet]) -
         x = columns["sensor_zenith"][rows]
         # Equal values lie upon each other: the broad orange ones stay visible behind the narrow blue ones.
         for suffix, colour, marker, label, width in (
-            ("_symmetric", ORANGE, "s", "symmetric", 2.6),
             ("", BLUE, "o", "baseline", 1.0),
+            ("_symmetric", ORANGE, "s", "symmetric", 2.6),
         ):
             y, u = columns[f"brf{suffix}"][rows], columns[f"u_brf{suffix}"][rows]
             there = np.isfinite(y)
@@ -161,7 +162,7 @@ def draw_principal(figure: FigureBase, data: Columns, facets: Sequence[Facet]) -
 
 @dataclass(frozen=True)
 class Look:
-    """Of a series: colour, marker, name, width of the bars in points."""
+    """Of a series: colour, marker, name, width of the bars in points; narrow ones lie in front."""
 
     colour: str
     marker: str
@@ -172,8 +173,17 @@ class Look:
 def _bars(axis: Axes, x: np.ndarray, y: np.ndarray, u: np.ndarray, look: Look) -> None:
     caps = 1.0 + 0.4 * look.width
     size = 1.6 + 0.5 * look.width
-    axis.errorbar(x, y, yerr=2 * u, fmt="none", ecolor=look.colour, elinewidth=0.5, capsize=caps, capthick=0.5)
-    axis.errorbar(x, y, yerr=u, fmt=look.marker, ms=size, color=look.colour, elinewidth=look.width, label=look.label)
+    order = 3 - look.width / 10
+    tips: dict[str, Any] = {"elinewidth": 0.5, "capsize": caps, "capthick": 0.5, "zorder": order}
+    axis.errorbar(x, y, yerr=2 * u, fmt="none", ecolor=look.colour, **tips)
+    bars: dict[str, Any] = {
+        "fmt": look.marker,
+        "ms": size,
+        "color": look.colour,
+        "elinewidth": look.width,
+        "zorder": order,
+    }
+    axis.errorbar(x, y, yerr=u, label=look.label, **bars)
 
 
 def _thumbnail(axis: Axes, plane: Plane, rows: xr.Dataset) -> None:
