@@ -185,8 +185,14 @@ def one_case(trial: Trial, seed: int) -> dict[str, Any]:
     if not found:
         return result
     best = found[0]
-    like = [p for p in found[1:] if abs(p.duration_s / best.duration_s - 1) < SAME_LENGTH]
-    again = [p for p in like if p.scan.kind == "as it was"]
+    others = sorted(found[1:], key=lambda p: abs(p.duration_s - best.duration_s))
+    like = [p for p in others if abs(p.duration_s / best.duration_s - 1) < SAME_LENGTH] or others[:4]
+    # Of a scan back and forth no repeat is as long; the one nearest in length stands for it.
+    again = [p for p in others if p.scan.kind == "as it was"]
+    same = {id(p) for p in like}
+    again = [p for p in again if id(p) in same] or again[:1]
+    if not again:
+        return result
     chosen = {"advised": best, "random": like[random.integers(len(like))], "repeat": again[random.integers(len(again))]}
     for number, (label, proposal) in enumerate(chosen.items(), start=1):
         second = trial.prepared(
