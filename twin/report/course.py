@@ -158,7 +158,7 @@ def _draw_reference(figure: FigureBase, data: Columns, names: list[str], drift: 
     axis.set_ylabel("change / %", fontsize=8)
     axis.set_xlabel("time (UTC)", fontsize=8)
     axis.tick_params(labelsize=7)
-    locator = AutoDateLocator(maxticks=8)
+    locator = AutoDateLocator(minticks=3, maxticks=8)  # with 5 a range of four minutes, or hours, has no step
     axis.xaxis.set_major_locator(locator)
     axis.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     axis.xaxis.get_offset_text().set_fontsize(7)
