@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -11,13 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 from synthetic_runs import effects as formulas
 from synthetic_runs import errors, grid, nominal, observed, problem, with_change
 
 from twin.diagnosis import effects, posterior
 from twin.diagnosis.acquisition import Acquisition, travel_direction
-from twin.diagnosis.command import diagnose_command
 from twin.diagnosis.diagnose import diagnose
 from twin.diagnosis.effects import Effect
 from twin.diagnosis.outcome import to_dict
@@ -122,15 +119,3 @@ def test_priors_of_the_page_are_those_used():
     for name, value in posterior.PRIOR.items():
         assert re.search(rf"\b{re.escape(f'{value:g}')}\b", said), name
     assert sum(posterior.PRIOR.values()) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("line", [line for block in blocks("sh") for line in block.strip().splitlines()])
-def test_options_of_the_page_exist(line: str):
-    program, name, *words = shlex.split(line)
-    assert (program, name) == ("goniotwin", "diagnose")
-    app = typer.Typer()
-    app.command()(diagnose_command)
-    context = typer.main.get_command(app).make_context(name, words)
-    values = [v for value in context.params.values() for v in (value if isinstance(value, list | tuple) else [value])]
-    # Every word that is no option is the value of some parameter.
-    assert {word for word in words if not word.startswith("--")} <= set(map(str, values))
