@@ -182,7 +182,7 @@ def _heading(proposal: Proposal) -> str:
 def unresolved(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Pairs of effects of which the run does not say which it is."""
     decision = diagnosis.decision
-    classes = decision.named or decision.ranking[:1]
+    classes = decision.named or [first for first in decision.ranking[:1] if first.probability > _RIVAL]
     pairs = [(named.effect, other) for named in classes for other in named.members[1:]]
     if decision.verdict == "undecided" and len(decision.ranking) > 1 and decision.ranking[1].probability > _RIVAL:
         pairs.append((decision.ranking[0].effect, decision.ranking[1].effect))
