@@ -7,6 +7,7 @@ top at z = 0, holes open towards +z, array centred on the origin; lengths in mm.
 from __future__ import annotations
 
 from instrument.artifact import ArtifactDimensions, check_dimensions
+from instrument.errors import InputError
 from twin.plate_mesh import flat_sample, pierced_plate, square_pit
 from twin.surface_mesh import Surface, SurfaceMesh
 
@@ -31,4 +32,10 @@ def build_mesh(dimensions: ArtifactDimensions, sides: int = HOLE_SIDES) -> Surfa
     if not len(dimensions.holes):
         return flat_sample(dimensions.form)
     check_dimensions(dimensions)
-    return pierced_plate(dimensions, sides)
+    mesh = pierced_plate(dimensions, sides)
+    if gaps := mesh.open_edges():
+        raise InputError(
+            f"artifact: holes: found {gaps} open edges, where the rim of a hole passes through a corner of the cavity;"
+            " expected rims that stay clear of the corners by some micrometres"
+        )
+    return mesh

@@ -137,10 +137,12 @@ def _lay_out(crosses: NDArray[np.bool_], angle: FloatArray, sides: int) -> RimLa
     turned = np.where(real, sorted_angle - sorted_angle[:, :1], 0.0)
     first = np.where(real, np.rint(turned * sides / (2 * np.pi)).astype(np.int64), sides)
     first[:, 0] = 0
-    for k in range(1, 8):  # at least one side between two crossings
-        first[:, k] = np.where(real[:, k], np.maximum(first[:, k], first[:, k - 1] + 1), sides)
+    # With one side between two crossings the polygon would lie along the edge, and touch it instead of crossing it.
+    least = 2 if sides >= 16 else 1
+    for k in range(1, 8):
+        first[:, k] = np.where(real[:, k], np.maximum(first[:, k], first[:, k - 1] + least), sides)
     for k in range(7, 0, -1):
-        room = sides - (number - k)
+        room = sides - least * (number - k)
         first[:, k] = np.where(real[:, k], np.minimum(first[:, k], room), sides)
     return RimLayout(crosses, order, number, np.column_stack([first, np.full(len(first), sides)]))
 

@@ -119,6 +119,22 @@ def test_a_flat_sample_has_no_topology_to_keep() -> None:
     assert Mould(flat()).mesh(flat()).volume() == pytest.approx(2500 * 5.0)
 
 
+def test_a_hole_that_grazes_the_edge_of_the_cavity_leaves_it_closed() -> None:
+    # The circle reaches over the edge by a hundredth of its radius: less than a polygon's side bulges.
+    edge = 25.0 - 10.5
+    grazing = artifact([(-edge - 2.97, 5.7, 6.0), (3.0, 0.0, 4.0)], spacer=10.5)
+    mesh = build_mesh(grazing, 24)
+    assert mesh.open_edges() == 0
+    assert_same_solid(Mould(grazing, 24).mesh(grazing), mesh)
+
+
+def test_a_rim_through_a_corner_of_the_cavity_is_refused() -> None:
+    corner = 25.0 - 7.5567143200688776
+    rim = artifact([(-15.864194051801515, -16.569504004010813, 2 * 1.7934366860005317)], spacer=25.0 - corner)
+    with pytest.raises(InputError, match="corner of the cavity"):
+        build_mesh(rim, 24)
+
+
 @settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
