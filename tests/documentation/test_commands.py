@@ -50,7 +50,7 @@ PARSED_ONLY = {
     r"python examples/": "run by test_library_examples.py",
     r".*goniotwin gui": "a window that stays; tests/gui opens it",
     r"goniotwin scan first\.toml .*--out runs/second": "the same as the scan before it, of another plate",
-    r"goniotwin diagnose .*(--artifact|sound\.json)": "renders the whole library; test_library_examples.py has five effects",
+    r"goniotwin diagnose .*(--artifact|sound\.json)": "renders the whole library; test_library_examples.py has five",
     r"goniotwin devices check": "needs the devices; tests/drivers/test_devices_check.py runs it",
     r"goniotwin devices simulate": "serves until Ctrl-C; tests/sim_fixtures/test_laboratory.py runs it",
 }

@@ -140,7 +140,7 @@ def test_a_square_pit_under_ideal_illumination() -> None:
         pit_scene(10.0, 10.0, 50.0),
         lambertian(0.5),
         lambda zenith, azimuth: square_sensor_bundle(10.0, zenith, azimuth),
-        16384,
+        8192,
         through_the_aperture,
     )
     check(estimates, data)
