@@ -11,6 +11,7 @@ from types import FrameType
 from PySide6.QtCore import QSettings, QTimer
 
 from gui.application import start_application
+from gui.collecting import Collector
 from gui.control import Controller, Listener
 from gui.remote import RemoteController
 from gui.sessions import live_sessions
@@ -82,6 +83,7 @@ def run(options: Options) -> int:
 
     window = MainWindow(controller, settings, plan_needed=not options.simulate, setup=setup)
     keep_collections_short(window)
+    Collector(window)
     heart = obey_signals(window)
     if running := live_sessions():
         window.join(RemoteController(window.bridge, folder=running[-1].folder))

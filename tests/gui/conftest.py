@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import atexit
+import gc
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,15 @@ _screens = Path(tempfile.mkdtemp(prefix="goniotwin-screen-")) / "screens.json"
 _screens.write_text(json.dumps({"screens": [_SCREEN]}))
 atexit.register(shutil.rmtree, _screens.parent, ignore_errors=True)
 os.environ["QT_QPA_PLATFORM"] = os.environ.get("GONIOTWIN_TEST_PLATFORM", f"offscreen:configfile={_screens}")
+
+
+@pytest.fixture(autouse=True)
+def collected_in_the_qt_thread() -> Iterator[None]:
+    """As in the program (:mod:`gui.collecting`): no other thread destroys the widgets of a window that is gone."""
+    gc.disable()
+    yield
+    gc.collect()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")
