@@ -21,6 +21,13 @@ class FakeFiles:
     def order(self, **orders) -> None:
         self.material.write_text(json.dumps(orders))
 
+    def let_answer(self, requests: int) -> dict[str, str]:
+        """The order to answer that many requests, lost ones included, and to hold the next."""
+        held, new = self.material.with_suffix(".answers"), self.material.with_suffix(".new")
+        new.write_text(str(requests))
+        new.replace(held)
+        return {"answers": str(held)}
+
     @property
     def requests(self) -> list[dict]:
         log = self.material.with_suffix(".log")

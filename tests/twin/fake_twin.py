@@ -2,6 +2,7 @@
 
 The material file holds its orders as JSON: ``delay_s`` a request, ``die_at`` a sensor zenith at which the process
 aborts, ``die_times`` how often it does, ``print`` noise on standard output, ``broken`` an input error,
+``answers`` a file with the number of requests, lost ones included, after which it waits before it answers,
 ``wait_for`` a file without which no uncertainty is told, ``no_uncertainty`` why it is not told at all,
 ``raise_at`` a sensor zenith at which it raises, ``refuse_at`` one that is bad input, ``hang_at`` one at which it
 never answers.
@@ -62,6 +63,8 @@ class FakeTwin:
             raise InputError(f"sensor zenith {self.orders['refuse_at']:g}: not with this material")
         if self.orders.get("hang_at") in zeniths:
             time.sleep(1000)
+        while "answers" in self.orders and self.asked() > int(Path(self.orders["answers"]).read_text()):
+            time.sleep(0.01)
         time.sleep(self.orders.get("delay_s", 0.0))
         values = np.array([expected_brf(geometry) for geometry in geometries])
         u = standard_error * values
@@ -72,6 +75,9 @@ class FakeTwin:
             "pid": os.getpid(),
         }
         return FakeDataset({"brf": values, "u_brf": u, "u_brf_monte_carlo": u}, attributes)
+
+    def asked(self) -> int:
+        return len(self.log.read_text().splitlines())
 
     def uncertainty(self, geometries) -> SimpleNamespace:
         while self.orders.get("wait_for") and not Path(self.orders["wait_for"]).exists():

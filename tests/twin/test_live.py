@@ -163,18 +163,18 @@ def test_predictions_follow_the_scan(scan_of, fake_files):
 
 
 def test_a_worker_killed_in_mid_scan_costs_nothing_but_time(scan_of, fake_files):
-    # Slow enough that work is left when the second blow falls, however late this thread is.
-    fake_files.order(delay_s=0.4)
+    fake_files.order(**fake_files.let_answer(1))
     scan = scan_of()
     scan.start()
-    for index, kill in enumerate((True, False, False, True, False, False)):
-        scan.await_annotations(3 * (index + 1))
-        scan.measure(index)
-        while kill and (pid := scan.workers[0].pid) is None:
+    for index, (held, answered) in enumerate(((2, 3), (4, 1000))):
+        patience = time.monotonic() + 60
+        while len(fake_files.requests) < held or scan.workers[0].pid is None:
+            assert time.monotonic() < patience
             time.sleep(0.01)
-        if kill:
-            os.kill(pid, signal.SIGKILL)
-    for index in range(6, len(POINTS)):
+        os.kill(scan.workers[0].pid, signal.SIGKILL)  # while it holds a request
+        fake_files.let_answer(answered)
+        scan.measure(index)
+    for index in range(2, len(POINTS)):
         scan.measure(index)
     assert scan.end(range(len(POINTS)))
     check_results(scan, range(len(POINTS)))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from traced_samples import artifact, columns, facility, flat
 
@@ -148,10 +148,13 @@ def test_any_layout_poured_is_the_same_solid(seed: int, spacer: float, chamfer: 
     x, y = (a.ravel() + random.uniform(-1, 1, 16) for a in np.meshgrid(grid, grid))
     first = artifact(list(zip(x, y, random.uniform(1.0, 6.0, 16), strict=True)), spacer=spacer)
     first = first.changed(edge_chamfer=chamfer)
-    mould = Mould(first, 24)
     holes = first.holes
     other = replace(first, holes=replace(holes, x=holes.x + random.uniform(-step, step, 16)))
-    poured, built = mould.mesh(other), build_mesh(other, 24)
+    try:
+        mould = Mould(first, 24)
+        poured, built = mould.mesh(other), build_mesh(other, 24)
+    except InputError:  # a rim through a corner of the cavity: see the test above
+        reject()
     assert poured.open_edges() == 0
     assert poured.volume() == pytest.approx(built.volume(), rel=1e-9)
     assert areas(poured)[Surface.PLATE_TOP] == pytest.approx(areas(built)[Surface.PLATE_TOP], rel=1e-9)
