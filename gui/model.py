@@ -25,6 +25,7 @@ from gui.notices import (
 )
 from gui.scores import Category, Score, ScoreFunction
 from instrument.events import (
+    AxesRead,
     Event,
     Geometry,
     Message,
@@ -118,6 +119,7 @@ class Changes:
     current: bool = False
     messages: int = 0  # lines added
     request: bool = False
+    moved: bool = False  # an axis was seen elsewhere
     planes: set[PlaneKey] = field(default_factory=set)
     points: set[int] = field(default_factory=set)  # indices
 
@@ -130,6 +132,7 @@ class Changes:
             current=self.current or later.current,
             messages=self.messages + later.messages,
             request=self.request or later.request,
+            moved=self.moved or later.moved,
             planes=self.planes | later.planes,
             points=self.points | later.points,
         )
@@ -175,6 +178,7 @@ class ScanModel:
         self.health: deque[Health] = deque(maxlen=HEALTH_KEPT)
         self.readings = 0  # of which the health was ever told
         self.current: int | None = None
+        self.positions: dict[str, float] = {}  # where the drives said that the axes stand, degree
         self.last: PointMeasured | None = None
         self.request = self.request if self.procedure else None
         self.end: ScanEnded | None = None
@@ -245,6 +249,11 @@ class ScanModel:
         self.references.append(event)
         self._changes.current = True
         self._tick(event.time)
+
+    @apply.register
+    def _(self, event: AxesRead) -> None:
+        self.positions = event.positions
+        self._changes.moved = True
 
     @apply.register
     def _(self, event: PointStarted) -> None:

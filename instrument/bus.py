@@ -16,7 +16,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import TypeVar
 
-from instrument.events import Event, Message, ScanStarted
+from instrument.events import AxesRead, Event, Message, ScanStarted
 
 log = logging.getLogger(__name__)
 Handler = Callable[[Event], None]
@@ -108,8 +108,9 @@ class EventBus:
     def publish(self, event: Event) -> None:
         """Hand an event to every listener; from any thread, returns at once."""
         with self._lock:
-            self._history.append(event)
-            self._published += 1
+            if not isinstance(event, AxesRead):  # tomorrow nobody asks on what way an arm came
+                self._history.append(event)
+                self._published += 1
             if isinstance(event, ScanStarted):
                 self._started = event
             for subscription in self._subscriptions:

@@ -154,6 +154,7 @@ class ScanEngine:
             self._job.settings,
             self._report.decision,
             self._report.note,
+            self._report.stands,
         )
         self._controls.checkpoint()
         self._report.to(S.PREFLIGHT)
@@ -223,7 +224,6 @@ class ScanEngine:
 
     def _mount(self, what: Mounted, station: Station, attendance: Attendance) -> None:
         """Let hands at the stage: arms at rest, shutter closed, source off unless told otherwise."""
-
         self._by_hand(f"{what} to be put on the stage", partial(self._steps.mount, what), station, attendance)
 
     def _turn(self, station: Station, attendance: Attendance, azimuth: float) -> None:

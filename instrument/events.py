@@ -87,6 +87,15 @@ class ReferenceMeasured(_Event):
     relative_standard_error: float
 
 
+class AxesRead(_Event):
+    """Where the drives say that the axes stand, in degree by role. It passes by: no record, and nobody who comes later
+    is told of it.
+    """
+
+    kind: Literal["axes_read"] = "axes_read"
+    positions: dict[str, float]
+
+
 class PointStarted(_Event):
     """The arms set out for a point."""
 
@@ -154,6 +163,7 @@ Event = Annotated[
     ScanStarted
     | StateChanged
     | ReferenceMeasured
+    | AxesRead
     | PointStarted
     | PointMeasured
     | PointSkipped

@@ -18,6 +18,7 @@ from instrument.control import Controls, Interruption, ask
 from instrument.durations import AXES, move_time
 from instrument.safety import Pose
 from instrument.settings import MotionSettings
+from instrument.sightings import Sightings
 
 Note = Callable[[str], None]
 
@@ -66,16 +67,27 @@ class Mover:
         Records what was decided, durably, before it is done.
     settings
         Times and deadlines.
+    sightings
+        Hear of positions as they are read, and now and then of an axis on its way.
     """
 
     def __init__(
-        self, axes: Mapping[str, Axis], clock: Clock, controls: Controls, note: Note, settings: MotionSettings
+        self,
+        axes: Mapping[str, Axis],
+        clock: Clock,
+        controls: Controls,
+        note: Note,
+        settings: MotionSettings,
+        sightings: Sightings | None = None,
     ) -> None:
         self._axes, self._clock, self._controls, self._note, self._settings = axes, clock, controls, note, settings
+        self._sightings = sightings or Sightings()
 
     def readback(self) -> dict[str, float]:
         """Actual position of every arm, degree."""
-        return {name: ask(axis.position) for name, axis in self._axes.items()}
+        positions = {name: ask(axis.position) for name, axis in self._axes.items()}
+        self._sightings.told(positions)
+        return positions
 
     def readback_of(self, name: str) -> float:
         """Actual position of one axis, degree."""
@@ -131,7 +143,9 @@ class Mover:
         for attempt in (1, 2):
             trouble = self._attempt(axis, start, target)
             if trouble is None:
-                return ask(axis.position)
+                position = ask(axis.position)
+                self._sightings.told({name: position})
+                return position
             position = self._bring_to_rest(axis)
             _require_healthy(name, ask(axis.status))
             if abs(position - target) <= axis.tolerance:
@@ -191,6 +205,7 @@ class Mover:
             _require_healthy(axis.name, status)
             if status.moving:
                 still_since = None
+                self._sightings.look(axis)
             else:
                 still_since = now if still_since is None else still_since
                 position = ask(axis.position)

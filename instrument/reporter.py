@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from drivers.clock import Clock
 from instrument.bus import EventBus
-from instrument.events import Event, Message, StateChanged
+from instrument.events import AxesRead, Event, Message, StateChanged
 from instrument.journal import Journal
 from instrument.states import State, StateMachine
 
@@ -55,6 +55,10 @@ class Reporter:
     def tell(self, level: Literal["info", "warning", "error"], text: str, advice: str = "") -> None:
         """Something that a person should see."""
         self.publish(Message(time=self.now(), level=level, text=text, advice=advice))
+
+    def stands(self, positions: dict[str, float]) -> None:
+        """Where the axes stand, degree; for whoever watches, and not recorded."""
+        self.publish(AxesRead(time=self.now(), positions=positions))
 
     def close(self) -> None:
         """The journal is complete."""

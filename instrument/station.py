@@ -19,6 +19,7 @@ from instrument.monitor import monitored
 from instrument.motion import MotionFailed, Mover
 from instrument.safety import Envelope, Pose
 from instrument.settings import ScanSettings
+from instrument.sightings import Sightings
 from instrument.stages import Stages, mean_of, parts_of
 
 log = logging.getLogger(__name__)
@@ -35,6 +36,8 @@ class Station:
         What the facility allows.
     decided, noticed
         Record what a person must see (a motion command given anew), and what may be found later (a change of gain).
+    watched
+        Hears now and then where the axes stand, degree by role.
     """
 
     def __init__(
@@ -46,11 +49,14 @@ class Station:
         settings: ScanSettings,
         decided: Callable[[str], None],
         noticed: Callable[[str], None],
+        watched: Callable[[dict[str, float]], None] | None = None,
     ) -> None:
         self.laboratory = laboratory
         axes = laboratory.axes()
         self.envelope = Envelope.of(arms, {name: axis.limits for name, axis in axes.items()})
-        self.mover = Mover(axes | laboratory.stages(), clock, controls, decided, settings.motion)
+        self._sightings = Sightings(watched)
+        everything = axes | laboratory.stages()
+        self.mover = Mover(everything, clock, controls, decided, settings.motion, self._sightings)
         self.stages = Stages(laboratory.stages(), arms, self.mover)
         self.light = Light(laboratory.source, laboratory.selector, controls, settings)
         self.monitor = monitored(laboratory)
@@ -87,6 +93,7 @@ class Station:
         for leg in legs:
             self.mover.move(leg.axis, leg.target)
         self._commanded, self._loose = target, frozenset()
+        self._sightings.arrived()
 
     def _displaced(self, here: Pose) -> frozenset[str]:
         """Arms that do not stand where they were sent."""
