@@ -6,8 +6,9 @@ asked for, so that importing the package costs nothing.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from instrument.surface import surface
 
 if TYPE_CHECKING:
     from instrument.artifact import ArtifactDimensions, read_artifact
@@ -34,7 +35,6 @@ _HOMES = {
     "session": ("ScanSession",),
     "settings": ("ScanSettings",),
 }
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "ArtifactDimensions",
@@ -60,14 +60,4 @@ __all__ = [
     "write_run",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = surface(globals(), _HOMES)

@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from instrument.angles import FloatArray
 from instrument.budget import COMPONENTS
 from instrument.errors import InputError
+from instrument.files import text_of
 from instrument.forms import Form, read_form
 from instrument.mapped_variables import NETCDF_SUFFIXES, Variables
 from instrument.run_check import checked
@@ -219,14 +220,7 @@ class _Columns:
 
 
 def _read_table(path: Path, layout: Table) -> tuple[list[str], list[list[str]]]:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    lines = text_of(path, encoding="utf-8-sig").splitlines()
     if len(lines) < layout.header:
         raise InputError(f"{path}: found {len(lines)} lines; expected names in line {layout.header}")
     head = lines[layout.header - 1].lstrip()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from instrument.errors import InputError
 
@@ -38,6 +40,43 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         part.unlink(missing_ok=True)
     sync_folder(path.parent)
+
+
+def text_of(path: Path, expected: str = "", encoding: str = "utf-8") -> str:
+    """The text of a file.
+
+    Parameters
+    ----------
+    expected
+        What the file should be, for the message: "a TOML file".
+
+    Raises
+    ------
+    InputError
+        Naming the file: missing, a folder, unreadable, no text.
+    """
+    wanted = f"; expected {expected}" if expected else ""
+    try:
+        return path.read_text(encoding=encoding)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file{wanted}") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder{wanted}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}{wanted}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}){wanted}") from None
+
+
+def json_object(path: Path, expected: str) -> dict[str, Any]:
+    """The object that a JSON file holds; errors as :func:`text_of`, and where it is no JSON or no object."""
+    try:
+        content = json.loads(text_of(path, expected))
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON ({error}); expected {expected}") from None
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: found {type(content).__name__}; expected {expected}, a JSON object")
+    return content
 
 
 #: Marks a run folder.

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from instrument.errors import InputError
+from instrument.files import text_of
 
 _KIND = re.compile(r"(constrained-\w+|float|int|str|bool|none|(literal|list|tuple|dict|function-\w+|nullable)\[.*\])$")
 
@@ -31,17 +32,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     InputError
         If the file is missing, no text, or not TOML.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, expected a TOML file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; expected a TOML file") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
-    return parse_toml(text, str(path))
+    return parse_toml(text_of(path, "a TOML file"), str(path))
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:

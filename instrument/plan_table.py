@@ -18,6 +18,7 @@ from typing import get_args
 
 from instrument.errors import InputError
 from instrument.events import Polarization
+from instrument.files import text_of
 from instrument.plan_forms import tidy
 from instrument.plan_units import check_units
 from instrument.run_schema import ALIASES
@@ -148,18 +149,9 @@ def written_out(
 
 
 def _lines(path: Path) -> list[tuple[int, str]]:
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path}: {path.stat().st_size} bytes; expected a table of at most {_LARGEST}")
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; expected a CSV table of points") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder; expected a CSV table of points") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    if path.is_file() and path.stat().st_size > _LARGEST:
+        raise InputError(f"{path}: {path.stat().st_size} bytes; expected a table of at most {_LARGEST}")
+    text = text_of(path, "a CSV table of points", "utf-8-sig")
     kept = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)

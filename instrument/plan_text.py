@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from instrument.errors import InputError
+from instrument.files import text_of
 from instrument.forms import read_toml
 from instrument.plan import read_plan_form
 from instrument.plan_forms import Table
@@ -34,7 +34,7 @@ def self_contained(path: Path) -> str:
         if isinstance(part, Table) and part.table is not None
     }
     if not tables:
-        return _text(path)
+        return text_of(path)
     whole: dict[str, Any]
     if path.suffix.lower() == ".csv":
         whole = {"version": form.version, "title": form.title, "part": [{"table": path.name}]}
@@ -48,13 +48,6 @@ def self_contained(path: Path) -> str:
     for number, table in tables.items():
         text = text.replace(_quoted(_ROWS.format(number)), _rows(table))
     return text
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def _quoted(text: str) -> str:

@@ -34,10 +34,9 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Overview:
-    """A run folder in one row."""
+class RunSummary:
+    """What a journal says of its run, in one row; ``problem`` says why it cannot be read."""
 
-    folder: Path
     created: str = ""
     title: str = ""
     planned: int = 0
@@ -47,6 +46,13 @@ class Overview:
     sample: str = ""
     operator: str = ""
     problem: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overview(RunSummary):
+    """A run folder in one row."""
+
+    folder: Path
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -75,16 +81,15 @@ def overview(folder: Path) -> Overview:
     try:
         content = read_journal(folder)
     except InputError as error:
-        return Overview(folder, problem=str(error))
-    return overview_of(content, folder)
+        return Overview(folder=folder, problem=str(error))
+    return Overview(folder=folder, **vars(summary_of(content)))
 
 
-def overview_of(content: JournalContent, folder: Path) -> Overview:
+def summary_of(content: JournalContent) -> RunSummary:
     """A run in one row, from its journal."""
     record = current_record(content)
     ended = [line for line in content.others if line["kind"] == "ended"]
-    return Overview(
-        folder,
+    return RunSummary(
         created=content.header["created"],
         title=content.header.get("title", ""),
         planned=content.header["points"],

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from instrument.errors import InputError
+from instrument.files import json_object
 from instrument.journal import JOURNAL_NAME, JournalContent, read_journal
-from instrument.run_archive import overview_of
+from instrument.run_archive import RunSummary, summary_of
 from instrument.run_folder import RUN_NAME
 from instrument.run_read import read_run
 from instrument.run_record import current_record
@@ -38,8 +39,8 @@ INTERRUPTED, RUNNING, DAMAGED = "interrupted", "running", "damaged"
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One run: the fields of an overview, and what can be searched besides.
+class Entry(RunSummary):
+    """One run: what its journal says of it, and what can be searched besides.
 
     Attributes
     ----------
@@ -57,20 +58,11 @@ class Entry:
         Of the diagnosis, with the effects that it names.
     """
 
-    name: str
-    created: str = ""
-    title: str = ""
-    planned: int = 0
-    measured: int = 0
-    skipped: int = 0
-    outcome: str = ""
-    sample: str = ""
-    operator: str = ""
+    name: str = ""
     project: str = ""
     wavelengths: str = ""
     digest: str = ""
     verdict: str = ""
-    problem: str = ""
     relative_rmse: float | None = None
     mean_absolute_relative_difference: float | None = None
     rms_t: float | None = None
@@ -101,12 +93,11 @@ def read_entry(folder: Path, name: str) -> Entry:
     try:
         content = read_journal(folder)
     except InputError as error:
-        return Entry(name, outcome=DAMAGED, problem=str(error))
-    seen = overview_of(content, folder)
+        return Entry(name=name, outcome=DAMAGED, problem=str(error))
+    seen = summary_of(content)
     wavelengths = sorted({float(point["geometry"]["wavelength"]) for point in content.points.values()})
     known: dict[str, Any] = {
-        **{key: getattr(seen, key) for key in ("created", "title", "planned", "measured", "skipped", "sample")},
-        "operator": seen.operator,
+        **vars(seen),
         "outcome": RUNNING if seen.outcome == INTERRUPTED and is_being_written(content.path) else seen.outcome,
         "project": current_record(content).project,
         "wavelengths": ", ".join(f"{value:g}" for value in wavelengths),
@@ -119,7 +110,7 @@ def read_entry(folder: Path, name: str) -> Entry:
             known |= read(folder, content)
         except InputError as error:
             problems.append(str(error))
-    return Entry(name, problem="; ".join(problems), **known)
+    return Entry(name=name, **known | {"problem": "; ".join(problems)})
 
 
 def is_being_written(journal: Path) -> bool:
@@ -146,14 +137,20 @@ def _of_run(folder: Path, content: JournalContent) -> dict[str, Any]:
 
 
 def _of_comparison(folder: Path, content: JournalContent) -> dict[str, Any]:
-    overall = _json(folder / COMPARISON_NAME).get("global", {})
+    file = folder / COMPARISON_NAME
+    overall = _json(file).get("global", {})
+    if not isinstance(overall, Mapping):
+        raise InputError(f"{file}: global: found {type(overall).__name__}; expected a JSON object")
     names = ("relative_rmse", "mean_absolute_relative_difference", "rms_t", "level_of_agreement")
     return {name: _number(overall.get(name)) for name in names}
 
 
 def _of_diagnosis(folder: Path, content: JournalContent) -> dict[str, Any]:
-    found = _json(folder / DIAGNOSIS_NAME)
+    file = folder / DIAGNOSIS_NAME
+    found = _json(file)
     effects = found.get("effects") or []
+    if not isinstance(effects, list) or not all(isinstance(effect, Mapping) for effect in effects):
+        raise InputError(f"{file}: effects: expected a list of JSON objects")
     named = ", ".join(str(effect.get("effect", "")) for effect in effects)
     verdict = str(found.get("verdict", ""))
     first = _number(effects[0].get("probability")) if effects else None
@@ -167,14 +164,4 @@ def _number(value: Any) -> float | None:
 
 def _json(path: Path) -> Mapping[str, Any]:
     """An object of a file that another command wrote; empty where there is none."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not JSON: {error}") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: expected a JSON object")
-    return found
+    return json_object(path, "what goniotwin writes with --json") if path.exists() else {}

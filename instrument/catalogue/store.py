@@ -19,7 +19,7 @@ from instrument.journal import JOURNAL_NAME
 
 CATALOGUE_NAME = "catalogue.sqlite"
 #: Counts up when a row is made differently.
-VERSION = 1
+VERSION = 2
 #: Run folders lie in the data folder, or one deeper: a folder for each laboratory, sample or year.
 _PATTERNS = (f"*/{JOURNAL_NAME}", f"*/*/{JOURNAL_NAME}")
 _BUSY_S = 5.0
@@ -109,6 +109,9 @@ def _open(file: Path | None) -> sqlite3.Connection:
         (version,) = database.execute("PRAGMA user_version").fetchone()
         if version > VERSION:
             raise sqlite3.OperationalError(f"version {version}, made by a newer program")
+        (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if tables and not version:
+            raise sqlite3.OperationalError("tables of another program")
         if version < VERSION:
             database.execute("DROP TABLE IF EXISTS runs")
             columns = ", ".join(f"{name} {_NUMBERS.get(name, 'TEXT')}" for name in COLUMNS)

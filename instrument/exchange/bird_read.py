@@ -28,6 +28,7 @@ from instrument.exchange.bird import (
     WAVELENGTH_UNITS,
     ZENITHS,
 )
+from instrument.files import text_of
 from instrument.run_axes import polarization_column
 from instrument.run_check import checked
 from instrument.run_schema import RUN
@@ -98,14 +99,7 @@ def imported(
 
 
 def _document(path: Path) -> Any:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    text = text_of(path, encoding="utf-8-sig")
     try:
         return json.loads(text, parse_constant=_no_number)
     except ValueError as error:

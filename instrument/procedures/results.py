@@ -12,7 +12,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from instrument.errors import InputError
-from instrument.files import write_atomically
+from instrument.files import json_object, write_atomically
 from instrument.forms import Form
 from instrument.prompts import Answer
 
@@ -122,11 +122,8 @@ def read_result(path: Path) -> CalibrationResult:
     InputError
         Naming file and key.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {error}; expected a JSON file of {FORMAT}") from None
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
+    data = json_object(path, f"a JSON file of {FORMAT}")
+    if data.get("format") != FORMAT:
         raise InputError(f"{path}: format: expected {FORMAT!r}")
     try:
         return CalibrationResult.model_validate(data)

@@ -25,11 +25,12 @@ def documented(package: str) -> set[str]:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_name_is_loaded_and_documented(package: str) -> None:
     module: ModuleType = importlib.import_module(package)
-    assert sorted(module.__all__) == sorted(module._HOME)
+    homes = {name: home for home, names in module._HOMES.items() for name in names}
+    assert sorted(module.__all__) == sorted(homes)
     assert set(module.__all__) == documented(package)
     for name in module.__all__:
         value = getattr(module, name)
-        home = importlib.import_module(f"{package}.{module._HOME[name]}")
+        home = importlib.import_module(f"{package}.{homes[name]}")
         assert value is getattr(home, name)
         assert name in dir(module)
 

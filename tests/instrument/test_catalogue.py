@@ -129,19 +129,22 @@ def damage(file: Path, how: str) -> None:
         file.write_bytes(file.read_bytes()[:100] + b"\xff" * 4000)
     elif how == "older":
         with closing(sqlite3.connect(file)) as database:
-            database.execute("DROP TABLE runs")
+            database.execute("ALTER TABLE runs DROP COLUMN verdict")
+            database.execute("PRAGMA user_version = 1")
+    elif how == "another's":
+        with closing(sqlite3.connect(file)) as database:
             database.execute("PRAGMA user_version = 0")
     else:
         with closing(sqlite3.connect(file)) as database:
             database.execute("PRAGMA user_version = 99")
 
 
-@pytest.mark.parametrize("how", ["foreign", "damaged", "older", "newer"])
+@pytest.mark.parametrize("how", ["foreign", "damaged", "older", "newer", "another's"])
 def test_whatever_is_wrong_with_the_file_the_folders_are_read(data: Path, how: str) -> None:
     known = Catalogue(data).search()
     file = data / CATALOGUE_NAME
     damage(file, how)
-    content = file.read_bytes() if how in ("foreign", "newer") else b""
+    content = file.read_bytes() if how in ("foreign", "newer", "another's") else b""
     assert Catalogue(data).search() == known
     if content:  # what is not ours, or of a newer program, stays as it is
         assert file.read_bytes() == content

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from instrument.artifact import ArtifactDimensions, read_artifact
 from instrument.errors import InputError
+from instrument.files import json_object
 from instrument.journal import JOURNAL_NAME, JournalContent, read_journal
 from instrument.request import existing, material_of
 from instrument.run_build import run_of_journal
@@ -250,13 +250,8 @@ def read_diagnosis(file: Path) -> DiagnosisFile:
     InputError
         Naming file and key.
     """
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{file}: not JSON ({error}); expected what goniotwin diagnose --json writes") from None
-    if not isinstance(content, dict) or "verdict" not in content:
+    content = json_object(file, "what goniotwin diagnose --json writes")
+    if "verdict" not in content:
         raise InputError(f"{file}: verdict: missing; expected what goniotwin diagnose --json writes")
     try:
         return DiagnosisFile.model_validate(content)
