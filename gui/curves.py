@@ -1,14 +1,12 @@
-"""Graphics that pyqtgraph does not bring: a filled band between two curves, axes that cost little."""
+"""Graphics that pyqtgraph does not bring: a filled band between two curves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF
 from PySide6.QtGui import QColor, QPainter, QPicture, QPolygonF
-from PySide6.QtWidgets import QGraphicsItem
 
 
 class Band(pg.GraphicsObject):
@@ -52,11 +50,3 @@ class Band(pg.GraphicsObject):
     def boundingRect(self) -> QRectF:
         """Extent of the band."""
         return self._bounds
-
-
-def steady_axes(plot: Any) -> None:
-    """Paint the axes of a plot again only when their range changes: writing numbers is what a plot costs most."""
-    for side in ("left", "bottom"):
-        axis = plot.getAxis(side)
-        axis.enableAutoSIPrefix(False)
-        axis.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QMainWindow,
     QSplitter,
     QStackedWidget,
+    QTabWidget,
     QToolButton,
     QVBoxLayout,
     QWidget,
@@ -54,6 +55,7 @@ class Frame(QMainWindow):
         self.setup, self._settings = setup, settings
         self._laboratory, self._plan_needed = laboratory or setup.laboratory, plan_needed
         self._laid_out = False
+        self._unseen: list[tuple[QWidget, QWidget]] = []  # each with one that has its size
         self.model = ScanModel(score)
         self.bridge = Bridge(self.model, self)
         self.palette_choice = themes.remembered(settings)
@@ -226,15 +228,25 @@ class Frame(QMainWindow):
             QTimer.singleShot(0, self, self._restore_splitters)
 
     def prepare(self) -> None:
-        """Lay the pages that nobody has seen out, one in a pass of the loop: changing pages then holds nothing up."""
-        self._unseen = [page for page in self.pages if page is not self.stack.currentWidget()]
+        """Lay what nobody has seen yet out, one page or tab in a pass of the loop: showing it then holds nothing up."""
+        seen = self.stack.currentWidget()
+        self._unseen = [(page, self.stack) for page in self.pages if page is not seen]
+        for tabs in self.findChildren(QTabWidget):
+            shown = tabs.currentWidget()
+            later = [tab for number in range(tabs.count()) if (tab := tabs.widget(number)) and tab is not shown]
+            self._unseen += [(tab, shown) for tab in later]
         QTimer.singleShot(_PREPARED_MS, self, self._prepare_one)
 
+    @property
+    def prepared(self) -> bool:
+        """Whether every page is laid out."""
+        return not self._unseen
+
     def _prepare_one(self) -> None:
-        if self._unseen and not self.model.connected:
-            page = self._unseen.pop(0)
-            page.resize(self.stack.size())
-            page.grab()
+        if self._unseen:
+            widget, model = self._unseen.pop(0)
+            widget.resize(model.size())
+            widget.grab()
             QTimer.singleShot(0, self, self._prepare_one)
 
     def _restore_splitters(self) -> None:

@@ -7,7 +7,7 @@ map of many points costs little more than one of few.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
@@ -37,21 +37,33 @@ class Spot(NamedTuple):
 class PolarMap(QWidget):
     """A map of spots.
 
+    Parameters
+    ----------
+    patient
+        True where somebody calls :meth:`draw` when the map is :attr:`stale`, so that of several maps one is drawn in a
+        pass of the event loop; until then it shows what it has. Otherwise the map draws when it is painted.
+
     Signals
     -------
     pointed
         Index of the spot under the pointer; -1 for none.
+    went_stale
+        The map has to be drawn anew.
     """
 
     pointed = Signal(int)
+    went_stale = Signal()
 
-    def __init__(self, theme: Theme, title: str = "") -> None:
+    def __init__(self, theme: Theme, title: str = "", *, patient: bool = False) -> None:
         super().__init__()
-        self.theme, self.title = theme, title
+        self.theme, self.title, self.patient = theme, title, patient
         self.spots: list[Spot] = []
         self.illumination: tuple[float, float] | None = None
         self.path = False
+        self.stale = True
         self._image: QImage | None = None
+        self._stamps: dict[str, QPixmap] = {}
+        self._places: list[tuple[float, float]] = []
         self._under = -1
         self.setMouseTracking(True)
         self.setMinimumSize(QSize(170, 170))
@@ -73,8 +85,7 @@ class PolarMap(QWidget):
         """
         self.spots, self.illumination, self.path = list(spots), illumination, path
         self._under = -1
-        self._image = None
-        self.update()
+        self._expire()
 
     def change(self, kinds: Mapping[int, str]) -> None:
         """Show points differently, by their index; only these are drawn."""
@@ -82,32 +93,55 @@ class PolarMap(QWidget):
         for index, kind in new.items():
             spot = self.spots[index]
             self.spots[index] = Spot(spot.zenith, spot.azimuth, kind)
-        if not new:
+        if not new or self.stale:
             return
         if len(new) > _MANY:
-            self._image = None
-        elif self._image is not None:
-            painter = self._painter(self._image)
-            for index in new:
-                at, size = self.place(self.spots[index]), self._size_of_spot() + 1
-                painter.setPen(Qt.PenStyle.NoPen)
-                painter.setBrush(QColor(self.theme.surface))
-                painter.drawEllipse(at, size, size)
-            self._stamp(painter, [self.spots[index] for index in new])
-            painter.end()
+            self._expire()
+            return
+        painter = self._painter(self._picture())
+        self._stamp(painter, new, "nothing")
+        for kind in dict.fromkeys(new.values()):
+            self._stamp(painter, [index for index in new if new[index] == kind], kind)
+        painter.end()
         self.update()
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""
-        self.theme, self._image = theme, None
+        self.theme = theme
+        self._expire()
+
+    def draw(self) -> None:
+        """Draw everything anew."""
+        self.stale = False
+        self._stamps.clear()
+        middle, radius = self._middle(), self._radius() / 90.0
+        self._places = []
+        for spot in self.spots:
+            angle_rad, away = math.radians(spot.azimuth), radius * spot.zenith
+            self._places.append((middle.x() + away * math.cos(angle_rad), middle.y() - away * math.sin(angle_rad)))
+        self._image = self._whole()
         self.update()
+
+    def _expire(self) -> None:
+        self.stale = True
+        self.update()
+        self.went_stale.emit()
+
+    def _picture(self) -> QImage:
+        """What is drawn so far."""
+        if self._image is None or (self.stale and not self.patient):
+            self.draw()
+        assert self._image is not None
+        return self._image
+
+    def _middle(self) -> QPointF:
+        return QPointF(self.width() / 2, self.height() / 2 + (8 if self.title else 0))
 
     def place(self, spot: Spot) -> QPointF:
         """Where a spot lies in the widget."""
         angle_rad = math.radians(spot.azimuth + (180.0 if spot.zenith < 0 else 0.0))
         radius = abs(spot.zenith) / 90.0 * self._radius()
-        middle = QPointF(self.width() / 2, self.height() / 2 + (8 if self.title else 0))
-        return middle + QPointF(radius * math.cos(angle_rad), -radius * math.sin(angle_rad))
+        return self._middle() + QPointF(radius * math.cos(angle_rad), -radius * math.sin(angle_rad))
 
     def nearest(self, position: QPointF) -> int:
         """Index of the spot at a position; -1 where there is none."""
@@ -132,16 +166,15 @@ class PolarMap(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Draw anew in another size."""
-        self._image = None
+        self._expire()
         super().resizeEvent(event)
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Show the picture, and which point is pointed at."""
-        if self._image is None:
-            self._image = self._whole()
+        picture = self._picture()
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.drawImage(QPointF(0, 0), self._image)
+        painter.drawImage(QPointF(0, 0), picture)
         if 0 <= self._under < len(self.spots):
             painter.setPen(QPen(QColor(self.theme.text), 1.6))
             painter.drawEllipse(self.place(self.spots[self._under]), 9, 9)
@@ -160,15 +193,19 @@ class PolarMap(QWidget):
             painter.setPen(QPen(QColor(self.theme.quiet_text), 0.9, Qt.PenStyle.DotLine))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawPolyline(QPolygonF([self.place(spot) for spot in self.spots if spot.kind != "blocked"]))
-        self._stamp(painter, self.spots)
+        kinds: dict[str, list[int]] = {}
+        for index, spot in enumerate(self.spots):
+            kinds.setdefault(spot.kind, []).append(index)
+        for kind, indices in kinds.items():
+            self._stamp(painter, indices, kind)
         painter.end()
         return image
 
-    def _stamp(self, painter: QPainter, spots: Sequence[Spot]) -> None:
-        """Draw spots; each kind is drawn once into a small picture, which Qt then copies to every place."""
-        ratio, half = self.devicePixelRatioF(), math.ceil(2 * self._size_of_spot() + 2)
-        middle, radius = self.place(Spot(0.0, 0.0, "")), self._radius() / 90.0
-        for kind in dict.fromkeys(spot.kind for spot in spots):
+    def _stamp(self, painter: QPainter, indices: Iterable[int], kind: str) -> None:
+        """Draw spots of a kind; it is drawn once into a small picture, which Qt then copies to every place."""
+        half = math.ceil(2 * self._size_of_spot() + 2)
+        if kind not in self._stamps:
+            ratio = self.devicePixelRatioF()
             stamp = QPixmap(round(2 * half * ratio), round(2 * half * ratio))
             stamp.setDevicePixelRatio(ratio)
             stamp.fill(Qt.GlobalColor.transparent)
@@ -176,11 +213,11 @@ class PolarMap(QWidget):
             on_stamp.setRenderHint(QPainter.RenderHint.Antialiasing)
             self._draw(on_stamp, kind, QPointF(half, half))
             on_stamp.end()
-            for spot in spots:
-                if spot.kind == kind:
-                    angle_rad, away = math.radians(spot.azimuth), radius * spot.zenith
-                    x, y = middle.x() + away * math.cos(angle_rad), middle.y() - away * math.sin(angle_rad)
-                    painter.drawPixmap(QPointF(x - half, y - half), stamp)
+            self._stamps[kind] = stamp
+        stamp, places = self._stamps[kind], self._places
+        for index in indices:
+            x, y = places[index]
+            painter.drawPixmap(QPointF(x - half, y - half), stamp)
 
     def _draw_grid(self, painter: QPainter) -> None:
         theme, middle, radius = self.theme, self.place(Spot(0.0, 0.0, "")), self._radius()
@@ -216,10 +253,14 @@ class PolarMap(QWidget):
                 painter.drawLine(here - arm, here + arm)
 
     def _draw(self, painter: QPainter, kind: str, at: QPointF) -> None:
-        """The sign of a kind."""
+        """The sign of a kind; ``nothing`` wipes what was there."""
         theme, size = self.theme, self._size_of_spot()
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        if kind in ("good", "measured"):
+        if kind == "nothing":
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(QColor(theme.surface))
+            painter.drawEllipse(at, size + 1, size + 1)
+        elif kind in ("good", "measured"):
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(QColor(theme.good if kind == "good" else theme.measured))
             painter.drawEllipse(at, size, size)

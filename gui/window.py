@@ -74,6 +74,7 @@ class MainWindow(Frame):
         for panel in self.panels:
             panel.asked.connect(self.do)
             panel.plane_chosen.connect(self._plane_chosen)
+            panel.fell_behind.connect(self._expect_to_catch_up)
         for page in self.pages:
             page.asked.connect(self.do)
             page.go.connect(self.show_page)
@@ -197,9 +198,8 @@ class MainWindow(Frame):
             page.refresh(changes)
         if changes.scan or changes.current:
             self._follow()
-        if not self._late.isActive() and any(panel.behind for panel in self.panels):
-            # Between two batches of events, so that no pass of the loop has to do both.
-            self._late.start(_BETWEEN_MS if time.monotonic() > self._drawn + _LATE else _BATCH_MS + _BETWEEN_MS)
+        if any(panel.behind for panel in self.panels):
+            self._expect_to_catch_up()
         if changes.scan or changes.state:
             self._show_title()
             self.open_action.setEnabled(not self.model.connected)
@@ -208,6 +208,11 @@ class MainWindow(Frame):
                 self._question.reject()
         if self._closing and not self.model.busy:
             self.close()
+
+    def _expect_to_catch_up(self) -> None:
+        """Between two batches of events, so that no pass of the loop has to do both."""
+        if not self._late.isActive():
+            self._late.start(_BETWEEN_MS if time.monotonic() > self._drawn + _LATE else _BATCH_MS + _BETWEEN_MS)
 
     def _catch_up(self) -> None:
         """Let one of the panels that cost much draw; the next one has to wait for the next pass of the loop."""
@@ -218,6 +223,9 @@ class MainWindow(Frame):
             return
         for panel in behind[:1]:
             panel.catch_up()
+        if any(panel.behind for panel in behind[:1]):  # more of the same picture
+            self._late.start(_BETWEEN_MS)
+            return
         self._drawn = time.monotonic()
         if len(behind) > 1:
             self._late.start(_BETWEEN_MS)
@@ -226,7 +234,8 @@ class MainWindow(Frame):
         """Deliver and draw everything that has arrived, now; call in the Qt thread."""
         self.bridge.flush()
         for panel in self.panels:
-            panel.catch_up()
+            while panel.behind:
+                panel.catch_up()
 
     def _follow(self) -> None:
         if not self.plots.follow.isChecked() and self.plots.plane in self.model.planes:

@@ -25,10 +25,13 @@ class Panel(QFrame):
         The person wants something done (one of ``Command``).
     plane_chosen
         The person points at an azimuth plane (:class:`gui.model.PlaneKey`).
+    fell_behind
+        What is seen is not what is known: :meth:`catch_up` is wanted.
     """
 
     asked = Signal(str)
     plane_chosen = Signal(object)
+    fell_behind = Signal()
 
     area: ClassVar[Area]
     order: ClassVar[int] = 0
@@ -50,30 +53,34 @@ class Panel(QFrame):
             self.body.addWidget(title)
 
     def take(self, changes: Changes) -> None:
-        """Show what has changed; a panel that costs much does so when it is told to :meth:`catch_up`, or is shown."""
+        """Show what has changed; a panel that costs much does so when it is told to :meth:`catch_up`."""
         if self.lazy:
             self._pending = self._pending.joined(changes)
         else:
             self.refresh(changes)
 
     @property
+    def owing(self) -> bool:
+        """Whether there is something left to show."""
+        return self._pending != Changes()
+
+    @property
     def behind(self) -> bool:
         """Whether a panel that can be seen has something to catch up with."""
-        return self._pending != Changes() and self.isVisible()
+        return self.owing and self.isVisible()
 
     def catch_up(self) -> None:
-        """Show what has changed since the last time."""
-        if self.behind:
-            pending, self._pending = self._pending, Changes()
+        """Show what has changed, or as much of it as one pass of the event loop bears."""
+        pending, self._pending = self._pending, Changes()
+        if pending != Changes():
             self.refresh(pending)
 
     def picture(self) -> QImage:
         """The panel as it is, seen or not, twice as fine as on the screen."""
-        if self._pending != Changes():
-            pending, self._pending = self._pending, Changes()
-            self.refresh(pending)
         if not self.isVisible():
             self.resize(self.size().expandedTo(_LEAST_PICTURE))
+        while self.owing:
+            self.catch_up()
         image = QImage(self.size() * 2, QImage.Format.Format_RGB32)
         image.setDevicePixelRatio(2.0)
         image.fill(QColor(self.theme.window))
@@ -81,9 +88,10 @@ class Panel(QFrame):
         return image
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Catch up."""
+        """Ask to catch up: pages change at once, and what costs much follows in the next passes."""
         super().showEvent(event)
-        self.catch_up()
+        if self.owing:
+            self.fell_behind.emit()
 
     def refresh(self, changes: Changes) -> None:
         """Show what has changed; called in the Qt thread at most about 30 times a second."""

@@ -12,7 +12,7 @@ from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication, QWidget
 
 from gui import words
-from gui.curves import steady_axes
+from gui.axes import Grid, add_plot, style_axes
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.theme import Theme
@@ -42,21 +42,18 @@ class HistoryPanel(Panel):
         self.readout.setWordWrap(True)
         self.body.addWidget(self.readout)
         self.plots: list[Any] = []
+        self.grids: list[Grid] = []
         for row, name in enumerate(_ROWS):
-            plot = self.graphics.addPlot(row=row, col=0)
-            steady_axes(plot)
+            plot = add_plot(self.graphics, row)
             plot.setLabel("left", name)
-            plot.showGrid(x=row == len(_ROWS) - 1, y=True, alpha=0.15)
-            plot.setMenuEnabled(False)
-            plot.hideButtons()
             plot.enableAutoRange(False)
             plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
-            plot.getAxis("left").setWidth(72)
             if self.plots:
                 plot.setXLink(self.plots[0])
             if row < len(_ROWS) - 1:
                 plot.hideAxis("bottom")
             self.plots.append(plot)
+            self.grids.append(Grid(plot))
         self.plots[-1].setLabel("bottom", "hours since the start")
         self.reference = pg.ScatterPlotItem()
         self.plots[0].addItem(self.reference)
@@ -98,12 +95,9 @@ class HistoryPanel(Panel):
         theme = self.theme
         self.graphics.setBackground(theme.surface)
         font = QFont(QApplication.font())
-        for plot in self.plots:
-            for side in ("left", "bottom"):
-                axis = plot.getAxis(side)
-                axis.setPen(pg.mkPen(theme.line))
-                axis.setTextPen(theme.quiet_text)
-                axis.setStyle(tickFont=font)
+        for plot, grid in zip(self.plots, self.grids, strict=True):
+            style_axes(plot, theme.line, theme.quiet_text, font)
+            grid.set_colour(theme.quiet_text)
         for line, colour in zip(self.lines, (theme.measured, theme.simulated, theme.quiet_text), strict=True):
             line.setPen(pg.mkPen(colour))  # a thick line of many points takes Qt long
 

@@ -17,6 +17,8 @@ from gui.theme import Theme
 _Index = QModelIndex | QPersistentModelIndex
 _ANGLES = ("Illum.\nzenith", "Sensor\nazimuth")
 _MISSING = "Miss-\ning"
+_CENTRE = Qt.AlignmentFlag.AlignCenter
+_RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
 class PlaneTable(QAbstractTableModel):
@@ -26,7 +28,12 @@ class PlaneTable(QAbstractTableModel):
         super().__init__()
         self.model = model
         self._planes: list[PlaneKey] = []
+        self._rows: dict[PlaneKey, int] = {}
         self._columns: list[str] = []
+        self._texts: dict[tuple[int, int], str] = {}  # of cells, as long as they hold
+        self._bold = QFont()
+        self._bold.setBold(True)
+        self._current: PlaneKey | None = None
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
@@ -38,15 +45,20 @@ class PlaneTable(QAbstractTableModel):
         """Take over another plan."""
         self.beginResetModel()
         self._planes = list(self.model.planes)
+        self._rows = {plane: row for row, plane in enumerate(self._planes)}
+        self._texts.clear()
+        self._current = self.model.current_plane
         wavelengths = len({plane.wavelength for plane in self._planes}) > 1
         self._columns = [*(["Wave-\nlength"] if wavelengths else []), *_ANGLES, "Points", _MISSING, *CATEGORIES]
         self.endResetModel()
 
     def update(self, planes: set[PlaneKey]) -> None:
         """Some planes have new values."""
-        for row, plane in enumerate(self._planes):
-            if plane in planes:
-                self.dataChanged.emit(self.index(row, 0), self.index(row, len(self._columns) - 1))
+        self._current = self.model.current_plane
+        for row in sorted(self._rows[plane] for plane in planes if plane in self._rows):
+            for column in range(len(self._columns)):
+                self._texts.pop((row, column), None)
+            self.dataChanged.emit(self.index(row, 0), self.index(row, len(self._columns) - 1))
 
     def plane(self, row: int) -> PlaneKey:
         """The plane of a row."""
@@ -54,7 +66,7 @@ class PlaneTable(QAbstractTableModel):
 
     def row(self, plane: PlaneKey) -> int:
         """The row of a plane; -1 where the plan has none."""
-        return self._planes.index(plane) if plane in self._planes else -1
+        return self._rows.get(plane, -1)
 
     def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's signature
         """Number of planes."""
@@ -77,23 +89,20 @@ class PlaneTable(QAbstractTableModel):
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Content of a cell."""
-        plane, name = self._planes[index.row()], self._columns[index.column()]
-        here = plane == self.model.current_plane
+        row, column = index.row(), index.column()
         if role == Qt.ItemDataRole.DisplayRole:
-            return self._text(plane, name)
-        if role == Qt.ItemDataRole.DecorationRole and index.column() == 0 and here:
-            return self._here
-        if role == Qt.ItemDataRole.ToolTipRole:
-            missing = self.model.plane_missing[plane]
-            return words.plane_title(plane) + (f"; {missing} points missing" if missing else "")
+            if (row, column) not in self._texts:
+                self._texts[row, column] = self._text(self._planes[row], self._columns[column])
+            return self._texts[row, column]
         if role == Qt.ItemDataRole.TextAlignmentRole:
-            if name in CATEGORIES:
-                return Qt.AlignmentFlag.AlignCenter
-            return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        if role == Qt.ItemDataRole.FontRole and here:
-            font = QFont()
-            font.setBold(True)
-            return font
+            return _CENTRE if self._columns[column] in CATEGORIES else _RIGHT
+        if role == Qt.ItemDataRole.DecorationRole:
+            return self._here if column == 0 and self._planes[row] == self._current else None
+        if role == Qt.ItemDataRole.FontRole:
+            return self._bold if self._planes[row] == self._current else None
+        if role == Qt.ItemDataRole.ToolTipRole:
+            missing = self.model.plane_missing[self._planes[row]]
+            return words.plane_title(self._planes[row]) + (f"; {missing} points missing" if missing else "")
         return None
 
     def _text(self, plane: PlaneKey, name: str) -> str:

@@ -12,8 +12,9 @@ from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication, QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from gui import marks, words
+from gui.axes import Grid, add_plot, style_axes
 from gui.comparison import T_BANDS
-from gui.curves import Band, steady_axes
+from gui.curves import Band
 from gui.model import Changes, PlaneKey, Point, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.panels.legend import legend
@@ -96,8 +97,10 @@ class PlotsPanel(Panel):
         self.body.addLayout(self.legend_row)
 
     def _build_plots(self) -> None:
-        self.brf_plot: Any = self.graphics.addPlot(row=0, col=0)
-        self.t_plot: Any = self.graphics.addPlot(row=1, col=0)
+        self.brf_plot: Any = add_plot(self.graphics, 0)
+        self.t_plot: Any = add_plot(self.graphics, 1)
+        self.brf_plot.getAxis("bottom").setStyle(showValues=False)  # those of the lower plot
+        self.grids = [Grid(self.brf_plot), Grid(self.t_plot)]
         layout = self.graphics.ci.layout
         layout.setRowStretchFactor(0, 3)
         layout.setRowStretchFactor(1, 2)
@@ -132,11 +135,6 @@ class PlotsPanel(Panel):
         for plot, line in zip((self.brf_plot, self.t_plot), self.here, strict=True):
             line.setVisible(False)
             plot.addItem(line, ignoreBounds=True)
-            plot.showGrid(x=True, y=True, alpha=0.15)
-            plot.setMenuEnabled(False)
-            plot.hideButtons()
-            plot.getAxis("left").setWidth(72)
-            steady_axes(plot)
             plot.getViewBox().sigRangeChangedManually.connect(self._moved_by_hand)
         self.t_plot.addItem(self.missing, ignoreBounds=True)
         self._by_hand = False
@@ -148,12 +146,9 @@ class PlotsPanel(Panel):
         theme = self.theme
         self.graphics.setBackground(theme.surface)
         font = QFont(QApplication.font())
-        for plot in (self.brf_plot, self.t_plot):
-            for side in ("left", "bottom"):
-                axis = plot.getAxis(side)
-                axis.setPen(self._pen(theme.line))
-                axis.setTextPen(theme.quiet_text)
-                axis.setStyle(tickFont=font, autoExpandTextSpace=False)
+        for plot, grid in zip((self.brf_plot, self.t_plot), self.grids, strict=True):
+            style_axes(plot, theme.line, theme.quiet_text, font)
+            grid.set_colour(theme.quiet_text)
         label = {"color": theme.text, "font-size": f"{font.pointSizeF():g}pt"}
         self.brf_plot.setLabel("left", "BRF", **label)
         self._label = label

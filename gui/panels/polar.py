@@ -46,9 +46,10 @@ class PolarPanel(Panel):
         self.legend = category_legend(theme)
         self.body.addWidget(self.legend)
         maps = QHBoxLayout()
-        self.maps = {name: PolarMap(theme, name) for name in _METRICS}
+        self.maps = {name: PolarMap(theme, name, patient=True) for name in _METRICS}
         for each in self.maps.values():
             each.pointed.connect(self._pointed)
+            each.went_stale.connect(self.fell_behind)
             maps.addWidget(each, 1)
         self.body.addLayout(maps, 1)
         self.readout = quiet(_HINT)
@@ -58,6 +59,19 @@ class PolarPanel(Panel):
         self._places: dict[int, int] = {}
         self._filling = False
         self.refresh(Changes(scan=True))
+
+    @property
+    def owing(self) -> bool:
+        """Whether there is something left to show."""
+        return super().owing or any(each.stale for each in self.maps.values())
+
+    def catch_up(self) -> None:
+        """Take over what has changed; draw one map that needs it."""
+        if super().owing:
+            super().catch_up()
+            return
+        for each in [each for each in self.maps.values() if each.stale][:1]:
+            each.draw()
 
     def refresh(self, changes: Changes) -> None:
         """Show new points."""

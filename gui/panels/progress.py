@@ -53,8 +53,10 @@ class ProgressPanel(Panel):
             return
         if model.time_left_s != self._estimate:
             self._estimate, self._estimated_at = model.time_left_s, time.monotonic()
+        self.bar.setUpdatesEnabled(False)  # it would paint the whole window at once
         self.bar.setRange(0, max(model.total, 1))
         self.bar.setValue(model.settled)
+        self.bar.setUpdatesEnabled(True)
         missing = f", {model.missing} missing" if model.missing else ""
         share = f" ({100 * model.settled / model.total:.0f} %)" if model.total else ""
         self.points.setText(f"{model.measured} of {model.total}{share}{missing}" if model.total else "–")
