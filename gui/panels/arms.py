@@ -1,311 +1,168 @@
-"""The arms, the beam and the sample in three dimensions, moving as the scan commands them.
-
-Drawn with lines on the processor: it needs no graphics card and no OpenGL, so it works wherever a window opens.
-"""
+"""The instrument in three dimensions: arms, beam, sample and detector, moving as the axes do."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+import os
 from pathlib import Path
-from typing import Any
 
-from PySide6.QtCore import QPointF, QSize, Qt, QTimer
-from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication, QKeySequence, QShortcut, QShowEvent
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QWidget
 
-from gui import words
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
+from gui.solid.geometry import Camera, Stance, commanded, from_direction, reported
+from gui.solid.lines import ArmsView, Sample, sample_of
+from gui.solid.renderer import Renderer
+from gui.solid.view import SolidView
 from gui.theme import Theme
 from gui.work import Work
 
-Vector = tuple[float, float, float]
-Pose = tuple[float, float, float]  # illumination zenith, sensor zenith, sensor azimuth; degree
-
-_FRAME_MS = 40
-_MOVE_WALL = 0.5  # seconds in which the picture follows a move, however long the arms take
-_VIEW = (-62.0, 24.0)  # azimuth and height from which one looks, degree
-_BEAM = 0.05  # half-width of the drawn beam, arm lengths
-_PLATE = 0.26
-
-
-def direction(zenith: float, azimuth: float) -> Vector:
-    """Unit vector of a direction in degree; the zenith angle may be negative."""
-    zenith_rad, azimuth_rad = math.radians(zenith), math.radians(azimuth)
-    return (
-        math.sin(zenith_rad) * math.cos(azimuth_rad),
-        math.sin(zenith_rad) * math.sin(azimuth_rad),
-        math.cos(zenith_rad),
-    )
+#: ``solid`` renders whatever Qt draws on, ``lines`` never; otherwise it is rendered wherever there is a screen.
+VARIABLE = "GONIOTWIN_3D"
+_WITHOUT_SCREEN = ("offscreen", "minimal", "minimalegl", "vnc", "linuxfb")
+_REST = Stance(0.0, 0.0, 45.0)  # of a plan of which nothing has moved yet
+_VIEWS = (
+    ("From the side", "Home", "The whole instrument from the side"),
+    ("From the lamp", "L", "Along the illumination arm, wherever it goes"),
+    ("From the detector", "D", "What the detector faces, wherever it goes"),
+    ("From above", "A", "Azimuth 0 to the right, 90 upwards"),
+)
+_HINT = "Drag or arrow keys turn, wheel or + and − zoom."
 
 
-@dataclass(frozen=True)
-class Sample:
-    """What lies on the stage, mm: outline, and centre and diameter of every hole."""
-
-    outline: tuple[float, float] = (50.0, 50.0)
-    holes: tuple[tuple[float, float, float], ...] = ()
-
-
-def sample_of(run_dir: Path) -> Sample:
-    """The artifact of a run; a plain plate where the run has none. Reads files: not for the Qt thread."""
-    from instrument.artifact import read_artifact
-    from instrument.errors import InputError
-
-    try:
-        artifact = read_artifact(run_dir / "artifact.toml")
-    except InputError:
-        return Sample()
-    holes = artifact.holes
-    rows = zip(holes.x.tolist(), holes.y.tolist(), holes.diameter.tolist(), strict=True)
-    return Sample(artifact.form.outline, tuple(rows))
-
-
-class ArmsView(QWidget):
-    """A picture of the instrument in a pose; drag, or use the arrow keys, to look from elsewhere."""
-
-    def __init__(self, theme: Theme) -> None:
-        super().__init__()
-        self.theme = theme
-        self.pose: Pose | None = None
-        self._from: Pose | None = None
-        self._to: Pose | None = None
-        self._share = 1.0
-        self._view = list(_VIEW)
-        self._drag: QPointF | None = None
-        self._ground: tuple[Any, QPixmap] | None = None
-        self.light = False
-        self.sample, self.turn = Sample(), 0.0
-        self.setMinimumSize(QSize(260, 220))
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setAccessibleName("Arms, beam and sample; arrow keys turn the view")
-        self._clock = QTimer(self)
-        self._clock.setInterval(_FRAME_MS)
-        self._clock.timeout.connect(self._step)
-
-    def go_to(self, pose: Pose | None) -> None:
-        """Move the drawn arms to a pose."""
-        if pose == self._to:
-            return
-        if pose is None or self.pose is None:
-            self.pose = self._to = pose
-            self.update()
-            return
-        self._from, self._to, self._share = self.pose, pose, 0.0
-        if self.isVisible():
-            self._clock.start()
-        else:
-            self.pose = pose
-
-    def _step(self) -> None:
-        self._share = min(self._share + _FRAME_MS / 1000 / _MOVE_WALL, 1.0)
-        assert self._from is not None
-        assert self._to is not None
-        smooth = self._share * self._share * (3 - 2 * self._share)
-        a, b = self._from, self._to
-        self.pose = tuple(x + smooth * (y - x) for x, y in zip(a, b, strict=True))  # type: ignore[assignment]
-        if self._share >= 1.0 or not self.isVisible():
-            self.pose = self._to
-            self._clock.stop()
-        self.update()
-
-    def _project(self, point: Vector) -> QPointF:
-        turn_rad, height_rad = math.radians(self._view[0]), math.radians(self._view[1])
-        x, y, z = point
-        across = x * math.cos(turn_rad) - y * math.sin(turn_rad)
-        depth = x * math.sin(turn_rad) + y * math.cos(turn_rad)
-        up = z * math.cos(height_rad) + depth * math.sin(height_rad)
-        scale = min(self.width() / 2.75, self.height() / 1.95)
-        return QPointF(self.width() / 2 + scale * across, self.height() * 0.72 - scale * up)
-
-    def _line(self, painter: QPainter, points: Sequence[Vector]) -> None:
-        painter.drawPolyline(QPolygonF([self._project(point) for point in points]))
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw."""
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.drawPixmap(0, 0, self._still())
-        if self.pose is not None:
-            self._draw_arms(painter, self.pose)
-        painter.end()
-
-    def _still(self) -> QPixmap:
-        """What does not move, drawn once for a view."""
-        key = (self.size(), tuple(self._view), self.theme, self.devicePixelRatioF(), self.sample, self.turn)
-        if self._ground is None or self._ground[0] != key:
-            picture = QPixmap(self.size() * key[3])
-            picture.setDevicePixelRatio(key[3])
-            picture.fill(Qt.GlobalColor.transparent)
-            painter = QPainter(picture)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            self._draw_ground(painter)
-            painter.end()
-            self._ground = (key, picture)
-        return self._ground[1]
-
-    def _draw_ground(self, painter: QPainter) -> None:
-        theme = self.theme
-        painter.setPen(QPen(QColor(theme.line), 1.4))
-        self._line(painter, [direction(90, azimuth) for azimuth in range(0, 361, 6)])
-        painter.setPen(QPen(QColor(theme.line), 0.8))
-        for azimuth in range(0, 180, 30):
-            self._line(painter, [direction(zenith, azimuth) for zenith in range(-90, 91, 6)])
-        for zenith in (30, 60):
-            self._line(painter, [direction(zenith, azimuth) for azimuth in range(0, 361, 6)])
-        painter.setPen(QColor(theme.quiet_text))
-        for azimuth in (0, 90, 180, 270):
-            x, y, _ = direction(90, azimuth)
-            at = self._project((1.12 * x, 1.12 * y, 0.0))
-            painter.drawText(at - QPointF(12, -5), f"{azimuth}°")
-        self._draw_sample(painter)
-
-    def _draw_sample(self, painter: QPainter) -> None:
-        """The plate with its holes, turned as the sample is."""
-        theme, sample = self.theme, self.sample
-        cosine, sine = math.cos(math.radians(self.turn)), math.sin(math.radians(self.turn))
-        scale = 2 * _PLATE / max(sample.outline)
-
-        def outlined(points: Sequence[tuple[float, float]]) -> None:
-            turned = ((cosine * x - sine * y, sine * x + cosine * y) for x, y in points)
-            painter.drawPolygon(QPolygonF([self._project((scale * x, scale * y, 0.0)) for x, y in turned]))
-
-        painter.setPen(QPen(QColor(theme.text), 1.4))
-        painter.setBrush(QColor(theme.raised))
-        across, along = sample.outline[0] / 2, sample.outline[1] / 2
-        outlined([(-across, -along), (across, -along), (across, along), (-across, along)])
-        painter.setBrush(QColor(theme.quiet_text))
-        painter.setPen(Qt.PenStyle.NoPen)
-        round_about = [(math.cos(angle / 6 * math.pi), math.sin(angle / 6 * math.pi)) for angle in range(12)]
-        for x, y, diameter in sample.holes:
-            outlined([(x + diameter / 2 * a, y + diameter / 2 * b) for a, b in round_about])
-
-    def _draw_arms(self, painter: QPainter, pose: Pose) -> None:
-        theme, (illumination, zenith, azimuth) = self.theme, pose
-        light, sensor = direction(illumination, 0.0), direction(zenith, azimuth)
-        beam = QColor(theme.simulated)
-        beam.setAlpha(110 if self.light else 40)
-        side = direction(illumination + 90.0, 0.0)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(beam)
-        edges = [(1, 0.5), (1, -0.5), (0, -1.0), (0, 1.0)]
-        painter.drawPolygon(
-            QPolygonF(
-                [
-                    self._project(tuple(r * a + _BEAM * w * b for a, b in zip(light, side, strict=True)))  # type: ignore[arg-type]
-                    for r, w in edges
-                ]
-            )
-        )
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setPen(QPen(QColor(theme.measured), 1.6, Qt.PenStyle.DashLine))
-        self._line(painter, [(0.0, 0.0, 0.0), sensor])
-        self._arm(painter, illumination, 0.0, theme.simulated, "light", f"{words.angle(round(illumination, 1))}")
-        where = f"{words.angle(round(zenith, 1))}, azimuth {words.angle(round(azimuth, 1))}"
-        self._arm(painter, zenith, azimuth, theme.measured, "sensor", where)
-
-    def _arm(self, painter: QPainter, zenith: float, azimuth: float, colour: str, name: str, text: str) -> None:
-        """An arc from the ground to the head, the head, and its angles."""
-        foot = 90.0 if zenith >= 0 else -90.0
-        steps = 24
-        reach = [foot + (zenith - foot) * step / steps for step in range(steps + 1)]
-        painter.setPen(QPen(QColor(colour), 5, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-        self._line(painter, [tuple(1.04 * c for c in direction(angle, azimuth)) for angle in reach])  # type: ignore[misc]
-        head = self._project(tuple(1.04 * c for c in direction(zenith, azimuth)))  # type: ignore[arg-type]
-        painter.setBrush(QColor(self.theme.surface))
-        painter.setPen(QPen(QColor(colour), 2.4))
-        if name == "light":
-            painter.drawEllipse(head, 9, 9)
-        else:
-            painter.drawRect(round(head.x()) - 8, round(head.y()) - 8, 16, 16)
-        painter.setPen(QColor(self.theme.text))
-        right = head.x() < self.width() * 0.62
-        label = f"{name} {text}"
-        width = painter.fontMetrics().horizontalAdvance(label)
-        above = 26 if name == "light" else 0  # the two labels never stand on each other
-        painter.drawText(head + QPointF(16 if right else -16 - width, 5 - above), label)
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin to turn the view."""
-        self._drag = event.position()
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Turn the view."""
-        if self._drag is not None:
-            moved = event.position() - self._drag
-            self._drag = event.position()
-            self._turn(moved.x() * 0.5, moved.y() * 0.4)
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """The view stays as it is."""
-        self._drag = None
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Turn the view with the arrow keys."""
-        turns = {
-            Qt.Key.Key_Left: (-8.0, 0.0),
-            Qt.Key.Key_Right: (8.0, 0.0),
-            Qt.Key.Key_Up: (0.0, 6.0),
-            Qt.Key.Key_Down: (0.0, -6.0),
-        }
-        key = Qt.Key(event.key())
-        if key in turns:
-            self._turn(*turns[key])
-        else:
-            super().keyPressEvent(event)
-
-    def _turn(self, across: float, up: float) -> None:
-        self._view[0] = (self._view[0] + across) % 360.0
-        self._view[1] = min(max(self._view[1] + up, 4.0), 88.0)
-        self.update()
+def wanted() -> bool:
+    """Whether a rendered picture is to be tried here."""
+    said = os.environ.get(VARIABLE, "")
+    if said in ("solid", "lines"):
+        return said == "solid"
+    return QGuiApplication.platformName() not in _WITHOUT_SCREEN
 
 
 class ArmsPanel(Panel):
-    """The instrument as it is commanded now."""
+    """A rendered picture; lines until there is one, or where there cannot be one."""
 
     area = "acquire-right"
     title = "Instrument"
     lazy = True
 
-    def __init__(self, model: ScanModel, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, model: ScanModel, theme: Theme, parent: QWidget | None = None, renderer: Renderer | None = None
+    ) -> None:
         super().__init__(model, theme, parent)
-        self.view = ArmsView(theme)
-        self.body.addWidget(self.view, 1)
-        self.text = quiet("Commanded positions. Drag, or use the arrow keys, to look from elsewhere.")
+        self.lines = ArmsView(theme)
+        self.solid = SolidView(theme, renderer)
+        self.stack = QStackedWidget()
+        self.stack.addWidget(self.lines)
+        self.stack.addWidget(self.solid)
+        self.body.addLayout(self._buttons())
+        self.body.addWidget(self.stack, 1)
+        self.text = quiet()
         self.text.setWordWrap(True)
         self.body.addWidget(self.text)
-        self._work = Work(self)
-        self._work.finished.connect(self._show_sample)
+        self._rendered = "" if wanted() else "drawn with lines: there is no screen to render for"
+        self._works = Work(self)
+        self._works.finished.connect(self._show_sample)
+        self.solid.drawn.connect(self._show_solid)
+        self.solid.failed.connect(self._stay_with_lines)
         self.refresh(Changes(scan=True))
 
+    def _buttons(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.buttons: dict[str, QPushButton] = {}
+        for text, key, tip in _VIEWS:
+            button = QPushButton(f"{text}  {key}")
+            button.setToolTip(tip)
+            button.setAccessibleName(f"{text}: {tip}")
+            button.clicked.connect(lambda _=False, text=text: self.look(text))
+            shortcut = QShortcut(QKeySequence(key), self)
+            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            shortcut.activated.connect(lambda text=text: self.look(text))
+            self.buttons[text] = button
+            row.addWidget(button)
+        row.addStretch(1)
+        return row
+
+    def look(self, text: str) -> None:
+        """Look from where a button says."""
+        stance = self.solid.target or _REST
+        if text == "From the lamp":
+            camera, seen = Camera("lamp"), from_direction(stance.illumination_zenith, 0.0)
+        elif text == "From the detector":
+            camera, seen = Camera("detector"), from_direction(stance.sensor_zenith, stance.sensor_azimuth)
+        elif text == "From above":
+            camera, seen = Camera(azimuth=-90.0, height=90.0), (-90.0, 90.0)
+        else:
+            camera, seen = Camera(), (Camera().azimuth, Camera().height)
+        self.solid.look(camera)
+        self.lines.look_from(*seen)
+
+    # What the view says of itself
+
+    def _show_solid(self) -> None:
+        self.stack.setCurrentWidget(self.solid)
+        self._say()
+
+    def _stay_with_lines(self, reason: str) -> None:
+        self._rendered = f"drawn with lines: nothing can be rendered here ({reason})"
+        self.stack.setCurrentWidget(self.lines)
+        self._say()
+
+    def _say(self) -> None:
+        where = "Where the drives say that the axes are" if self.model.positions else "Where the axes are sent"
+        parts = [where, self._rendered or "the sample is drawn larger than the arms"]
+        if self.solid.problem:
+            parts.append(f"a plain sample: {self.solid.problem}")
+        self.text.setText(f"{'; '.join(parts)}. {_HINT}")
+
+    # Following the scan
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Begin to render."""
+        super().showEvent(event)
+        if not self._rendered:
+            self.solid.begin()
+
     def _show_sample(self, sample: Sample) -> None:
-        self.view.sample = sample
-        self.view.update()
+        self.lines.sample = sample
+        self.lines.update()
 
     def refresh(self, changes: Changes) -> None:
         """Follow the scan."""
-        if not (changes.scan or changes.current or changes.state):
+        if not (changes.scan or changes.current or changes.state or changes.moved):
             return
         model = self.model
-        self.view.light = model.state.value == "measuring"
+        self.lines.light = model.state.value == "measuring"
+        self.solid.set_light(self.lines.light)
         if changes.scan and model.run_dir:
             folder = Path(model.run_dir)
-            self._work.do(lambda: sample_of(folder))
-        if model.current is not None:
-            geometry = model.points[model.current].geometry
-            self.view.turn = geometry.sample_rotation
-            self.view.go_to((geometry.illumination_zenith, geometry.sensor_zenith, geometry.sensor_azimuth))
-        elif changes.scan:
-            self.view.go_to((0.0, 45.0, 0.0) if model.points else None)
-        self.view.update()
+            self._works.do(lambda: sample_of(folder))
+            self.solid.set_folder(folder)
+        self._go(self._stance(), at_once=changes.scan)
+        self._say()
+        self.lines.update()
+
+    def _stance(self) -> Stance | None:
+        model = self.model
+        if not model.points:
+            return None
+        index = model.current
+        sent = _REST if index is None else commanded(model.points[index].geometry)
+        if index is None and self.solid.target is not None:
+            sent = self.solid.target  # where the last point was
+        if not model.positions:
+            return sent
+        return reported(model.positions, sent, model.points[index or 0].geometry.illumination_azimuth)
+
+    def _go(self, stance: Stance | None, *, at_once: bool) -> None:
+        self.lines.go_to(stance)
+        self.solid.go_to(stance, at_once=at_once)
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""
-        self.theme = self.view.theme = theme
-        self.view.update()
+        self.theme = self.lines.theme = theme
+        self.lines.update()
+        self.solid.set_theme(theme)
 
 
 PANEL = ArmsPanel

@@ -20,9 +20,10 @@ from window_stage import Stage
 
 from gui.bridge import Bridge
 from gui.comparison import score
-from gui.model import Changes, ScanModel, plane_of
+from gui.model import Changes, ScanModel
 from gui.notices import ControllerClosed, ControllerStarting, OperatorAnswered, OperatorAsked
 from gui.panels import discover
+from gui.points import plane_of
 from gui.run import obey_signals
 from instrument.events import Message, PointSkipped, PointStarted
 
@@ -445,7 +446,7 @@ def test_qt_does_not_use_up_the_references_to_none_and_true(stage: Stage) -> Non
 
 
 def test_the_drawn_sample_is_the_artifact_of_the_run(tmp_path: Path) -> None:
-    from gui.panels.arms import Sample, sample_of
+    from gui.solid.lines import Sample, sample_of
 
     assert sample_of(tmp_path) == Sample()  # none is known: a plain plate
     rows = "hole,x_mm,y_mm,diameter_mm,u_x_mm,u_y_mm,u_diameter_mm\n0,-4,1,2.5,0,0,0\n1,4,-1,2,0,0,0\n"

@@ -1,0 +1,5 @@
+"""The instrument in three dimensions: rendered by PyVista in a process of its own, shown as pictures by the window.
+
+What holds the Qt thread up (loading VTK, a first picture, a software renderer), or ends a process without a word (no
+OpenGL), happens over there.
+"""
