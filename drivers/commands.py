@@ -22,6 +22,7 @@ def check(
     from drivers.errors import ConfigurationError
     from drivers.lock import InstrumentLock
 
+    _check_json(json_file)
     form = read_devices(devices)
     # Asking a device who it is may set it up anew: never under a scan that is using it.
     with InstrumentLock(endpoints(form)):
@@ -39,3 +40,19 @@ def check(
             raise ConfigurationError(f"{json_file}: cannot be written: {error.strerror}") from None
     if not good:
         raise typer.Exit(3)
+
+
+def _check_json(path: Path | None) -> None:
+    """Nothing but JSON is replaced; ConfigurationError where something else has that name."""
+    import json
+
+    from drivers.errors import ConfigurationError
+
+    try:
+        content = path.read_bytes() if path is not None and path.is_file() else b""
+        if content.strip():
+            json.loads(content)
+    except ValueError:
+        raise ConfigurationError(f"{path}: exists already and is no JSON file; choose another name") from None
+    except OSError as error:
+        raise ConfigurationError(f"{path}: exists already and cannot be read: {error.strerror}") from None

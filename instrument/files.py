@@ -18,14 +18,14 @@ from instrument.errors import InputError
 def replacing(path: Path) -> Iterator[Path]:
     """A name in the same folder to write to; takes the place of ``path`` when the block ends without an error.
 
-    The content is on the disk before the exchange, and the exchange before this returns. A device or a pipe
-    (``/dev/null``, ``/dev/stdout``) keeps its place and is given the content.
+    The content is on the disk before the exchange, and the exchange before this returns. A stream
+    (:func:`is_stream`) keeps its place and is given the content.
     """
-    if path.exists() and not path.is_file():
+    if is_stream(path):
         with tempfile.TemporaryDirectory() as folder:
             part = Path(folder) / path.name
             yield part
-            with part.open("rb") as content, path.open("wb") as sink:
+            with part.open("rb") as content, path.open("ab") as sink:
                 shutil.copyfileobj(content, sink)
         return
     descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
@@ -106,6 +106,14 @@ def beside(path: Path, name: str, key: str) -> Path:
     if (home / _JOURNAL).exists() and home not in target.resolve().parents:
         raise InputError(f"{path}: {key}: found {name!r}; expected a file in this run folder")
     return target
+
+
+def is_stream(path: Path) -> bool:
+    """Whether a name stands for a device, a pipe or a file that is open, such as ``/dev/null`` and ``/dev/stdout``."""
+    if not path.exists():
+        return False
+    names = [path, path.parent / os.readlink(path)] if path.is_symlink() else [path]
+    return not path.is_file() or any(Path("/proc") in name.parent.resolve().parents for name in names)
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -31,12 +31,13 @@ def plan(
     from rich.console import Console
 
     from instrument.errors import InputError
-    from instrument.output import write_json
+    from instrument.output import check_json, write_json
     from instrument.plan_summary import Speeds, print_summary, summarise
     from instrument.settings import ScanSettings
 
     if devices is not None and (velocity is not None or acceleration is not None):
         raise InputError("--velocity and --acceleration stand in --devices; leave them out")
+    check_json(json_file)
     speeds = Speeds(velocity or 20.0, acceleration or 10.0)
     settings = ScanSettings(dwell=dwell, hands=hands)
     read, summary = summarise(plan, facility, devices, speeds, settings)

@@ -36,9 +36,10 @@ def list_runs(
     from instrument.catalogue.search import Query, condition, moment
     from instrument.catalogue.store import Catalogue
     from instrument.exchange.stores import brought_overviews
-    from instrument.output import write_json
+    from instrument.output import check_json, write_json
     from instrument.run_report import overview_table
 
+    check_json(json_file)
     query = Query(
         plan=plan,
         sample=sample,
@@ -66,9 +67,10 @@ def show(
     from rich.console import Console
 
     from instrument.exchange.stores import brought
-    from instrument.output import write_json
+    from instrument.output import check_json, write_json
     from instrument.run_report import print_run, run_summary
 
+    check_json(json_file)
     summary = run_summary(brought(run)) | {"source": run}
     print_run(summary, Console(highlight=False))
     if json_file is not None:
@@ -84,10 +86,11 @@ def verify(
 
     from instrument.errors import EXIT_INCOMPLETE
     from instrument.exchange.stores import brought
-    from instrument.output import write_json
+    from instrument.output import check_json, write_json
     from instrument.run_archive import verify as verify_folder
     from instrument.run_report import verification_table
 
+    check_json(json_file)
     result = verify_folder(brought(folder))
     Console(highlight=False).print(verification_table(result))
     if json_file is not None:
@@ -112,9 +115,10 @@ def amend(
 
     from instrument.amending import amend as amend_run
     from instrument.errors import InputError
-    from instrument.output import write_json
+    from instrument.output import check_json, write_json
     from instrument.run_report import print_record, run_summary
 
+    check_json(json_file)
     said = {
         "operator": operator,
         "sample": sample,

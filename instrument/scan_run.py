@@ -17,7 +17,7 @@ from drivers.errors import ConfigurationError
 from instrument.errors import EXIT_BAD_INPUT, EXIT_DEVICE, EXIT_DONE, EXIT_INCOMPLETE, EXIT_INTERRUPTED, InputError
 from instrument.events import ScanEnded
 from instrument.operators import Mounted
-from instrument.output import check_writable, write_json
+from instrument.output import check_json, write_json
 from instrument.prompts import Prompt
 from instrument.request import ScanRequest
 from instrument.scan_display import ScanDisplay
@@ -187,8 +187,7 @@ def run_scan(request: ScanRequest, report: Path | None = None, settings: ScanSet
     InputError, ConfigurationError, InstrumentBusy
         Before anything moves.
     """
-    if report is not None:
-        check_writable(report)
+    check_json(report)
     console = Console(highlight=False)
     keyboard, interrupts = Keyboard(), Interrupts()
     by_hand = TerminalOperator(keyboard, console)

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 
 def simulate(
     speed: Annotated[float, typer.Option(min=0.01, help="Laboratory seconds a wall-clock second.")] = 1.0,
@@ -15,6 +17,7 @@ def simulate(
         Path | None,
         typer.Option(help="Folder for devices.toml and the example files; a temporary one where not given."),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Serve the simulated laboratory for other programs, until Ctrl-C."""
     import tempfile
@@ -23,8 +26,11 @@ def simulate(
     from rich.console import Console
     from rich.table import Table
 
+    from instrument.output import check_new_folder
     from sim_fixtures.laboratory import start_simulated
 
+    if out is not None:
+        check_new_folder(out, force)
     console = Console()
     with tempfile.TemporaryDirectory(prefix="goniotwin-") as temporary:
         folder = out or Path(temporary)

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 Artifact = Annotated[Path, typer.Argument(help="artifact.toml of the sample.", show_default=False)]
 Sides = Annotated[int, typer.Option(min=8, max=512, help="Sides of the polygon that stands for a circle.")]
 
@@ -17,7 +19,7 @@ def export(
         Path, typer.Option(help="Where it goes; the suffix chooses: .ply, .stl, .obj or .scad.", show_default=False)
     ],
     sides: Sides = 64,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    force: Force = False,
 ) -> None:
     """Write the solid of a sample as a mesh (PLY, STL, OBJ) or as parametric OpenSCAD source."""
     from instrument.artifact import read_artifact
@@ -35,18 +37,19 @@ def show(
     out: Annotated[Path | None, typer.Option(help="Also draw it, into a PNG file.")] = None,
     whole: Annotated[bool, typer.Option("--whole", help="Do not cut a quarter away in the picture.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the same for programs.")] = None,
+    force: Force = False,
 ) -> None:
     """Check the solid of a sample, show its dimensions and areas, and draw it."""
     from rich.console import Console
 
     from instrument.artifact import read_artifact
-    from instrument.output import check_writable, write_json
+    from instrument.output import check_json, check_new, write_json
     from twin.artifact import build_mesh
     from twin.artifact_report import artifact_report, report_table
 
-    for file in (out, json_file):
-        if file is not None:
-            check_writable(file)
+    check_json(json_file)
+    if out is not None:
+        check_new(out, force)
     dimensions = read_artifact(artifact)
     mesh = build_mesh(dimensions)
     report = artifact_report(dimensions, mesh)

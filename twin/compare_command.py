@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from instrument.options import Force
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -42,13 +44,14 @@ def compare_command(
         Path | None,
         typer.Option(help="Effects to include, from goniotwin diagnose --save-twin.", show_default=False),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Compare a measured run with a prediction, point by point and by azimuth plane.
 
     The prediction is the file named PREDICTION, or it is computed from --artifact, --material and --facility; of a
     run folder, what lies in it is used where nothing is named.
     """
-    _check_outputs(json, figures, standard_error)
+    _check_outputs(json, figures, standard_error, force)
     inputs = {"artifact": artifact, "material": material, "facility": facility}
     run_file, prediction, inputs = _resolve(run, prediction, inputs)
     _check_corrections(corrections, prediction)
@@ -64,17 +67,16 @@ def _check_corrections(corrections: Path | None, prediction: Path | None) -> Non
         )
 
 
-def _check_outputs(json: Path | None, figures: Path | None, standard_error: float) -> None:
+def _check_outputs(json: Path | None, figures: Path | None, standard_error: float, force: bool) -> None:
     """Before any work: what would fail only at its end."""
     from instrument.errors import InputError
-    from instrument.output import check_writable
+    from instrument.output import check_json, check_new_folder
 
     if not 1e-6 <= standard_error < 1:
         raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
-    if json is not None:
-        check_writable(json)
-    if figures is not None and figures.exists() and not figures.is_dir():
-        raise InputError(f"{figures}: is a file; expected a folder for the figures")
+    check_json(json)
+    if figures is not None:
+        check_new_folder(figures, force)
 
 
 def _resolve(

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 
 def mitsuba(
     material: Annotated[
@@ -16,7 +18,7 @@ def mitsuba(
     artifact: Annotated[
         Path | None, typer.Option(help="artifact.toml: its solid goes beside, as OUT.ply.", show_default=False)
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    force: Force = False,
 ) -> None:
     """Write a material as Mitsuba's plugin "measured" loads it, with a scene that uses it (OUT.xml)."""
     from instrument.artifact import read_artifact

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 _File = Annotated[
     Path, typer.Argument(help="Coupon run, BRDF table, measured material or material.toml.", show_default=False)
 ]
@@ -18,11 +20,13 @@ def check(
 ) -> None:
     """Check a material: coverage, reciprocity, energy, what is filled, how well it is interpolated."""
     from instrument.errors import EXIT_INCOMPLETE
+    from instrument.output import check_json, write_json
     from twin.material_check import check_file
 
+    check_json(json_file)
     report = check_file(file)
     if json_file is not None:
-        _write_json(json_file, report.to_json())
+        write_json(json_file, report.to_json())
     for line in report.lines():
         typer.echo(line)
     if report.problems:
@@ -32,7 +36,7 @@ def check(
 def table(
     file: _File,
     out: Annotated[Path, typer.Option(help="Where the table goes (netCDF).")] = Path("material_table.nc"),
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    force: Force = False,
 ) -> None:
     """Write a material as a ready table, whatever model and files it comes from."""
     from instrument.errors import InputError
@@ -51,14 +55,3 @@ def table(
         raise InputError(f"--out: {out}: cannot be written ({error.strerror or error})") from None
     typer.echo(material.describe())
     typer.echo(f"written: {out}")
-
-
-def _write_json(path: Path, content: object) -> None:
-    import json
-
-    from instrument.errors import InputError
-
-    try:
-        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"--json: {path}: cannot be written ({error.strerror})") from None

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
+from instrument.options import Force
+
 
 def predict_command(
     plan_or_run: Annotated[
@@ -45,14 +47,15 @@ def predict_command(
         Path | None,
         typer.Option(help="Effects to include, from goniotwin diagnose --save-twin.", show_default=False),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Predict the reflectance factor of every point of a plan or of a run by ray tracing."""
     from instrument.errors import InputError
-    from instrument.output import check_writable
+    from instrument.output import check_new
 
     if not 1e-6 <= standard_error < 1:
         raise InputError(f"--standard-error: found {standard_error:g}; expected 1e-6 to 1 (a relative error)")
-    check_writable(out)
+    check_new(out, force)
     if uncertainty and corrections is not None:
         raise InputError("--corrections: the uncertainties of a corrected twin are not propagated; leave --uncertainty")
     if uncertainty:

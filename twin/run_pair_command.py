@@ -31,12 +31,11 @@ def compare_pair(
     from rich.console import Console
 
     from instrument.exchange.stores import brought
-    from instrument.output import check_writable, write_json
+    from instrument.output import check_json, write_json
     from instrument.quality.run_files import named_runs
     from twin.run_pair import compare_runs
 
-    if json_file is not None:
-        check_writable(json_file)
+    check_json(json_file)
     a, b = named_runs([brought(first), brought(second)]).values()
     found = compare_runs(a, b, shared=shared or (), independent=independent or ())
     console = Console(highlight=False)

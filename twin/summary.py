@@ -66,7 +66,7 @@ def summarise(
     unpredicted = int(np.count_nonzero(rows < 0))
     extra = (f"{unpredicted} measured points have no prediction and are left out.",) if unpredicted else ()
     comparison = compare(run, predicted, notes=extra)
-    write_json(run_dir / "comparison.json", comparison.to_dict())
+    write_json(run_dir / "comparison.json", comparison.to_dict(), force=True)
     draw_planes(comparison, run_dir / "figures")
     return comparison_tables(comparison)
 

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 Run = Annotated[str, typer.Argument(metavar="RUN", help="A run folder or run file; or its URL.", show_default=False)]
 Out = Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.", show_default=False)]
-Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
 
 
 def bird(
@@ -42,7 +43,7 @@ def bird(
         dataset = run_of(source)
     known = None if metadata is None else read_metadata(metadata)
     document = bird_document(dataset, str(source), simulated=prediction, metadata=known)
-    write_json(out, document)
+    write_json(out, document, force=force)
     typer.echo(f"written: {out}, {dataset.sizes['point']} points")
     missing = unstated(document)
     if missing:

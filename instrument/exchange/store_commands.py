@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 
 def push(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.", show_default=False)],
     url: Annotated[str, typer.Argument(metavar="URL", help="Like s3://bucket/runs/name.", show_default=False)],
-    force: Annotated[bool, typer.Option("--force", help="Replace files of that name.")] = False,
+    force: Force = False,
 ) -> None:
     """Put a run folder on a shared or an object store (any that fsspec knows)."""
     from instrument.exchange import stores

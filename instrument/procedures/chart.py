@@ -13,7 +13,7 @@ import numpy as np
 from instrument.angles import FloatArray
 from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE, InputError
 from instrument.facility import Budget, read_facility
-from instrument.output import check_writable
+from instrument.output import check_new
 from instrument.procedures.reading import worst
 from instrument.procedures.results import CalibrationResult, read_results
 
@@ -153,7 +153,7 @@ def draw(charts: Sequence[Chart], path: Path, title: str) -> None:
     plt.close(figure)
 
 
-def run_chart(subject: str, facility: Path | None, results: Path, out: Path) -> int:
+def run_chart(subject: str, facility: Path | None, results: Path, out: Path, force: bool = False) -> int:
     """Draw and judge the series of a control sample; returns the exit status, 1 where it is out of control.
 
     Parameters
@@ -164,7 +164,8 @@ def run_chart(subject: str, facility: Path | None, results: Path, out: Path) -> 
     Raises
     ------
     InputError
-        If there are no results of this sample, or the picture cannot be written.
+        If there are no results of this sample, or the picture cannot be written, or is there already
+        and ``force`` is not set.
     """
     from rich.console import Console
 
@@ -173,7 +174,7 @@ def run_chart(subject: str, facility: Path | None, results: Path, out: Path) -> 
     if not series:
         names = sorted({result.subject for result in read_results(results, "control-sample")})
         raise InputError(f"{results}: no results of {subject!r}; found: {', '.join(names) or 'none'}")
-    check_writable(out)
+    check_new(out, force)
     names = list(dict.fromkeys(name for result in series for name in result.values))
     stability = known.budget if known is not None else Budget(instrument_stability=0.0082)
     charts = [chart_of(series[:-1], name, stability, _last(series, name)) for name in names]

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
+from instrument.options import Force
+
 Simulate = Annotated[bool, typer.Option("--simulate", help="Use the simulated laboratory.")]
 Speed = Annotated[float, typer.Option(min=0.01, help="How many times faster the simulated laboratory's clock runs.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of the simulated laboratory's random draws.")]
@@ -157,9 +159,10 @@ def list_results(
 
     from rich.console import Console
 
-    from instrument.output import write_json
+    from instrument.output import check_json, write_json
     from instrument.procedures.run import list_results as listed
 
+    check_json(json)
     now = datetime.now(UTC)
     shown = listed(results, now, everything, Console(highlight=False))
     if json is not None:
@@ -173,11 +176,12 @@ def chart(
     facility: Facility = None,
     results: Results = _FOLDER,
     out: Annotated[Path, typer.Option(help="Picture (PNG, SVG, PDF).")] = Path("control-chart.png"),
+    force: Force = False,
 ) -> None:
     """Draw the control chart of a control sample and say what it tells."""
     from instrument.procedures.chart import run_chart
 
-    status = run_chart(sample, facility, results, out)
+    status = run_chart(sample, facility, results, out, force)
     if status:
         raise typer.Exit(status)
 

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from instrument.control import Interruption
 from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE, EXIT_INTERRUPTED
-from instrument.output import check_writable, write_json
+from instrument.output import check_json, write_json
 from instrument.procedures.people import LineOperator, person_in_charge
 from instrument.procedures.results import CalibrationResult, Finding, read_results, store
 from instrument.procedures.room import Room, RoomRequest, open_room
@@ -60,8 +60,7 @@ def run_procedure(
     InputError, ConfigurationError, DeviceError
         When it could not be carried out; nothing is stored then.
     """
-    if report is not None:
-        check_writable(report)
+    check_json(report)
     console = Console(highlight=False)
     person = person_in_charge(console)
     operator = None if request.simulate else person

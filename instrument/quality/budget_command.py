@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 
 def budget(
     run: Annotated[
@@ -32,6 +34,7 @@ def budget(
         Path | None, typer.Option("--out", help="Write the run with this budget, .nc or .csv.", show_default=False)
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the same for programs.")] = None,
+    force: Force = False,
 ) -> None:
     """Print the uncertainty budget of a run: every component, how its errors belong together, combined and expanded.
 
@@ -40,7 +43,7 @@ def budget(
     from rich.console import Console
 
     from instrument.errors import InputError
-    from instrument.output import check_writable, write_json
+    from instrument.output import check_json, check_new, write_json
     from instrument.quality.budget_report import budget_summary, print_budget
     from instrument.quality.budget_slopes import compared_slopes, facility_of, with_slopes
     from instrument.quality.run_files import run_of
@@ -50,7 +53,8 @@ def budget(
     if out is not None:
         if out.suffix.lower() not in (".nc", ".csv"):
             raise InputError(f"--out: found {out}; expected the name of a run file, .nc or .csv")
-        check_writable(out)
+        check_new(out, force)
+    check_json(json_file)
     data = run_of(run)
     wanted = slopes or prediction is not None
     known = facility_of(run, data, facility, required=wanted)

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 
 class StabilityChoice(StrEnum):
     """Where the uncertainty of remounting comes from."""
@@ -35,12 +37,13 @@ def merge(
         MethodChoice.MANDEL_PAULE
     ),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the same for programs.")] = None,
+    force: Force = False,
 ) -> None:
     """Merge several runs of one sample that was put back on the stage before each; what they differ by is counted."""
     from rich.console import Console
 
     from instrument.errors import InputError
-    from instrument.output import check_writable, write_json
+    from instrument.output import check_json, check_new, write_json
     from instrument.quality.merge import merge_runs
     from instrument.quality.merge_report import merge_summary, print_merge
     from instrument.quality.run_files import named_runs
@@ -48,7 +51,8 @@ def merge(
 
     if out.suffix.lower() not in (".nc", ".csv"):
         raise InputError(f"--out: found {out}; expected the name of a run file, .nc or .csv")
-    check_writable(out)
+    check_new(out, force)
+    check_json(json_file)
     merged = merge_runs(named_runs(runs), stability=stability.value, method=method.value)
     write_run(merged, out)
     summary = merge_summary(merged)

@@ -205,6 +205,17 @@ def test_a_pipe_is_written_to_and_stays_a_pipe(tmp_path: Path) -> None:
     assert path.is_fifo()
 
 
+def test_what_is_open_for_output_is_added_to(tmp_path: Path) -> None:
+    """As ``/dev/stdout`` is where a shell sends the output to the end of a file."""
+    with (tmp_path / "out.txt").open("ab", buffering=0) as handle:
+        (tmp_path / "link").symlink_to(f"/proc/self/fd/{handle.fileno()}")
+        for name in (tmp_path / "link", Path(f"/dev/fd/{handle.fileno()}")):
+            handle.write(b"before ")
+            write_atomically(name, b"content\n")
+        assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "out.txt").read_text() == "before content\n" * 2
+
+
 def test_like_facilities_have_the_same_hash(tmp_path: Path) -> None:
     """What is computed for a facility is kept under it."""
     path = tmp_path / "facility.toml"

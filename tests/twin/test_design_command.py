@@ -139,7 +139,7 @@ def test_an_out_that_is_a_file_is_explained(call, tmp_path) -> None:
     (tmp_path / "taken").write_text("")
     done = call(ARTIFACT, "--out", tmp_path / "taken")
     assert done.status == 2
-    assert "--out" in done.output
+    assert "taken: is a file; expected a folder" in done.output
 
 
 def test_an_illumination_beyond_the_arm_is_explained(call, tmp_path) -> None:

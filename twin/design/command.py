@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from instrument.options import Force
+
 if TYPE_CHECKING:
     from instrument.artifact import ArtifactDimensions
     from instrument.facility import Facility
@@ -56,6 +58,7 @@ def design(
             show_default=False,
         ),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Draw the hemispherical pattern of candidate artifacts under ideal light, judge them, and write a scan plan.
 
@@ -65,7 +68,7 @@ def design(
     """
     from instrument.artifact import read_artifact
     from instrument.facility import UNKNOWN_FACILITY, read_facility
-    from instrument.output import check_writable
+    from instrument.output import check_json, check_new_folder
     from twin.design.candidates import Candidate, combinations, parse_sweep
 
     settings = _settings(illumination, wavelength, planes, standard_error, seed)
@@ -76,9 +79,10 @@ def design(
     given = [Candidate(_name(sample, samples), sample, {}) for sample in samples]
     swept = [candidate for sample in samples for candidate in combinations(sample, sweeps)]
     surface = _material(material, reflectance)
+    check_new_folder(out, force)
     _make_folder(out)
     json_file = json_file or out / "design.json"
-    check_writable(json_file)
+    check_json(json_file)
     found = _judge_all([*given, *swept], known, surface, settings, {"workers": workers, "address": dask})
     _write(found, len(given), known, settings, out, json_file, facility is not None)
 

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Force
+
 
 def report(
     run: Annotated[
@@ -38,7 +40,7 @@ def report(
             show_default=False,
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist already.")] = False,
+    force: Force = False,
 ) -> None:
     """Write the report of a run: what was measured and simulated, how they agree, and what that rests on.
 

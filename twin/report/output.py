@@ -10,7 +10,7 @@ from matplotlib import rc_context
 
 from instrument.errors import InputError
 from instrument.files import write_atomically
-from instrument.output import check_writable
+from instrument.output import check_new, check_new_folder
 from twin.figures import rendered
 from twin.report.document import Document, csv_of, label, table_csv
 from twin.report.paper import pdf_of
@@ -37,15 +37,9 @@ def check_targets(html: Path, pdf: Path | None, figures: Path | None, *, force: 
             continue
         if path.suffix.lower() not in suffixes:
             raise InputError(f"{path}: found the suffix {path.suffix!r}; expected {suffixes[0]}")
-        check_writable(path)
-        if path.exists() and not force:
-            raise InputError(f"{path}: exists already; choose another name, or replace it with --force")
-    if figures is None:
-        return
-    if figures.exists() and not figures.is_dir():
-        raise InputError(f"{figures}: is a file; expected a folder for the figures")
-    if figures.is_dir() and any(figures.iterdir()) and not force:
-        raise InputError(f"{figures}: is not empty; choose another folder, or write into it with --force")
+        check_new(path, force)
+    if figures is not None:
+        check_new_folder(figures, force)
 
 
 def write_report(document: Document, html: Path, pdf: Path | None, figures: Path | None) -> list[Path]:
