@@ -15,7 +15,8 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from gui.model import ScanModel
 from gui.notices import Notice
-from instrument.events import Event
+from gui.points import LaidOut, lay_out
+from instrument.events import Event, ScanStarted
 
 INTERVAL_MS = 33  # about 30 updates a second
 BUDGET_S = 0.008  # of a frame; what is left over waits for the next one
@@ -36,7 +37,7 @@ class Bridge(QObject):
     def __init__(self, model: ScanModel, parent: QObject | None = None, interval_ms: int = INTERVAL_MS) -> None:
         super().__init__(parent)
         self.model = model
-        self._queue: deque[Event | Notice] = deque()
+        self._queue: deque[Event | Notice | LaidOut] = deque()
         self._asleep = True  # racing writers may both wake the Qt thread, which does no harm
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -45,8 +46,8 @@ class Bridge(QObject):
         self._woken.connect(self._wake, Qt.ConnectionType.QueuedConnection)
 
     def on_event(self, event: Event | Notice) -> None:
-        """Take an event from any thread; returns at once."""
-        self._queue.append(event)
+        """Take an event from any thread; returns at once. Points of a new scan are laid out in that thread."""
+        self._queue.append(lay_out(event) if isinstance(event, ScanStarted) else event)
         if self._asleep:
             self._asleep = False
             self._woken.emit()

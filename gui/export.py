@@ -9,8 +9,9 @@ from pathlib import Path
 
 from PySide6.QtGui import QImage
 
-from gui.model import Point, ScanModel
+from gui.model import ScanModel
 from gui.panels.base import Panel
+from gui.points import Point
 
 _COLUMNS: dict[str, Callable[[Point], object]] = {
     "wavelength (nm)": lambda p: p.geometry.wavelength,

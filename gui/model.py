@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import singledispatchmethod
 from statistics import fmean, stdev
-from typing import NamedTuple
 
 from gui.notices import (
     ControllerClosed,
@@ -23,11 +22,12 @@ from gui.notices import (
     ProcedureEnded,
     ProcedureStarted,
 )
-from gui.scores import Category, Score, ScoreFunction
+from gui.points import LaidOut, PlaneKey, Point, Points, lay_out, plane_of
+from gui.scores import Category, ScoreFunction
+from gui.traces import Trace
 from instrument.events import (
     AxesRead,
     Event,
-    Geometry,
     Message,
     PointAnnotated,
     PointMeasured,
@@ -43,54 +43,6 @@ from instrument.prompts import Prompt
 from instrument.states import FINAL, State
 
 MESSAGES_KEPT = 2000
-HEALTH_KEPT = 20_000  # readings of which the health of the devices is shown
-
-
-class Health(NamedTuple):
-    """What a reading says of the devices: time, dark level (V), scatter of the samples (relative), gain (V/A)."""
-
-    time: datetime
-    dark: float
-    noise: float
-    gain: float
-
-
-class PlaneKey(NamedTuple):
-    """Points that share everything but the sensor zenith; nm and degree."""
-
-    wavelength: float
-    illumination_zenith: float
-    illumination_azimuth: float
-    sensor_azimuth: float
-
-
-def plane_of(geometry: Geometry) -> PlaneKey:
-    """The azimuth plane a geometry lies in."""
-    return PlaneKey(
-        geometry.wavelength, geometry.illumination_zenith, geometry.illumination_azimuth, geometry.sensor_azimuth
-    )
-
-
-@dataclass(frozen=True)
-class Point:
-    """Everything known of one point of the plan; None for what has not arrived."""
-
-    index: int
-    geometry: Geometry
-    brf: float | None = None
-    u_brf: float | None = None
-    time: datetime | None = None
-    quality_flag: int = 0
-    simulated: float | None = None
-    u_simulated: float | None = None
-    score: Score | None = None
-    skipped: str = ""
-    earlier: bool = False  # measured before a resumption; its values may not have arrived
-
-    @property
-    def settled(self) -> bool:
-        """True when nothing more will be measured at this point."""
-        return self.brf is not None or bool(self.skipped) or self.earlier
 
 
 def noise_of(samples: tuple[float, ...]) -> float:
@@ -166,7 +118,7 @@ class ScanModel:
         self.started: datetime | None = None
         self.latest: datetime | None = None
         self.time_left_s: float | None = None
-        self.points: list[Point] = []
+        self.points = Points()
         self.planes: dict[PlaneKey, list[int]] = {}
         self.tally: Counter[Category] = Counter()
         self.plane_tally: dict[PlaneKey, Counter[Category]] = {}
@@ -175,8 +127,7 @@ class ScanModel:
         self.measured = 0
         self.missing = 0
         self.references: list[ReferenceMeasured] = []
-        self.health: deque[Health] = deque(maxlen=HEALTH_KEPT)
-        self.readings = 0  # of which the health was ever told
+        self.health = Trace(4)  # hours since the start, dark level (V), scatter of the samples (relative), gain (V/A)
         self.current: int | None = None
         self.positions: dict[str, float] = {}  # where the drives said that the axes stand, degree
         self.last: PointMeasured | None = None
@@ -208,33 +159,37 @@ class ScanModel:
         """The plane the arms are in, or set out for."""
         return None if self.current is None else plane_of(self.points[self.current].geometry)
 
+    def hours(self, time: datetime) -> float:
+        """Hours since the scan started."""
+        return (time - (self.started or time)).total_seconds() / 3600
+
     def plane_points(self, plane: PlaneKey) -> list[Point]:
         """Points of a plane by ascending sensor zenith; empty for a plane that the plan does not have."""
         return [self.points[index] for index in self.planes.get(plane, ())]
 
     @singledispatchmethod
-    def apply(self, event: Event | Notice) -> None:
+    def apply(self, event: Event | Notice | LaidOut) -> None:
         """Take one event or notice in."""
         raise TypeError(f"no event: {event!r}")
 
     @apply.register
     def _(self, event: ScanStarted) -> None:
-        state, reason, connected = self.state, self.state_reason, self.connected
+        self.apply(lay_out(event))
+
+    @apply.register
+    def _(self, start: LaidOut) -> None:
+        event, state, reason, connected = start.event, self.state, self.state_reason, self.connected
         self._clear()
         self.state, self.state_reason, self.connected = state, reason, connected
         self.title, self.run_dir = event.title, event.run_dir
         self.clock_speed, self.duration_s = event.clock_speed, event.duration_s
         self.started = self.latest = event.time
         self.time_left_s = event.duration_s / event.clock_speed
+        self.points, self.planes = start.points, start.planes
+        self.health = Trace(4, room=len(event.points))
+        self.plane_tally = {plane: Counter() for plane in self.planes}
         done = set(event.done)
-        self.points = [Point(i, geometry, earlier=i in done) for i, geometry in enumerate(event.points)]
-        for point in self.points:
-            plane = plane_of(point.geometry)
-            self.planes.setdefault(plane, []).append(point.index)
-            self.plane_settled[plane] += point.earlier
-            self.plane_tally.setdefault(plane, Counter())
-        for indices in self.planes.values():
-            indices.sort(key=lambda index: self.points[index].geometry.sensor_zenith)
+        self.plane_settled.update(plane_of(event.points[index]) for index in done)
         self.measured = len(done)
         self._changes = Changes(scan=True, messages=self._changes.messages)
 
@@ -278,8 +233,7 @@ class ScanModel:
             )
         )
         self.last = event
-        self.health.append(Health(event.time, event.dark, noise_of(event.signal), event.gain))
-        self.readings += 1
+        self.health.extend([(self.hours(event.time), event.dark, noise_of(event.signal), event.gain)])
         self.time_left_s = event.time_left_s
         self._changes.current = self._changes.progress = True
         self._tick(event.time)
@@ -379,6 +333,6 @@ class ScanModel:
         newly_missing = bool(point.skipped) - bool(old.skipped)
         self.plane_missing[plane] += newly_missing
         self.missing += newly_missing
-        self.points[point.index] = point
+        self.points.store(point)
         self._changes.planes.add(plane)
         self._changes.points.add(point.index)

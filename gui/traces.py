@@ -20,10 +20,12 @@ class Trace:
     ----------
     width
         Numbers in a row.
+    room
+        Rows for which there is room from the beginning.
     """
 
-    def __init__(self, width: int) -> None:
-        self._data: Array = np.empty((256, width))
+    def __init__(self, width: int, room: int = 256) -> None:
+        self._data: Array = np.zeros((min(max(room, 256), _KEPT), width))
         self._count = 0
 
     @property

@@ -15,9 +15,10 @@ from gui.control import Controller, Listener
 from gui.export import export_folder, pictured, write_export
 from gui.frame import Frame
 from gui.guided import Guided
-from gui.model import Changes, PlaneKey
+from gui.model import Changes
 from gui.panels.plots import PlotsPanel
 from gui.panels.request import RequestPanel
+from gui.points import PlaneKey
 from gui.questions import ask
 from gui.setup import Setup
 from instrument.states import FINAL

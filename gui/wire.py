@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 from datetime import datetime
+from itertools import chain
 from typing import Any, get_args
 
+from pydantic import TypeAdapter
+
 from gui.notices import Notice
-from instrument.events import Event, from_json, to_json
+from instrument.events import Event, Geometry, from_json, to_json
 from instrument.prompts import Prompt
 
+_LONG = 100_000  # bytes
+_POINTS = TypeAdapter(list[Geometry])
 _NOTICES: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Notice)}
 #: What a window may ask of the process.
 COMMANDS = ("pause", "pause_now", "resume", "abort", "halt", "done", "give_up")
@@ -32,8 +37,9 @@ def decode(line: str | bytes) -> Event | Notice:
     ValueError
         If the line is neither an event nor a notice.
     """
-    if b'"notice"' not in (line if isinstance(line, bytes) else line.encode())[:12]:
-        return from_json(line)
+    start = (line if isinstance(line, bytes) else line.encode())[:12]
+    if b'"notice"' not in start:
+        return from_json(line) if len(line) < _LONG else _in_pieces(line)
     fields = json.loads(line)
     kind = _NOTICES[fields.pop("notice")]
     if "time" in fields:
@@ -58,6 +64,16 @@ def answer_of(text: str) -> float | str | None:
     if value is not None and not isinstance(value, float | str):
         raise ValueError(f"found {text!r}; expected a number or a text")
     return value
+
+
+def _in_pieces(line: str | bytes) -> Event:
+    """A long line, its points a few at a time: read at once, it would keep every other thread waiting."""
+    fields = json.loads(line)
+    if not isinstance(fields, dict) or not isinstance(fields.get("points"), list):
+        return from_json(line)
+    points, few = fields["points"], 200
+    read = [_POINTS.validate_python(points[start : start + few]) for start in range(0, len(points), few)]
+    return from_json(json.dumps(fields | {"points": []})).model_copy(update={"points": tuple(chain(*read))})
 
 
 def _plain(value: Any) -> Any:

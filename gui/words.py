@@ -6,7 +6,7 @@ from datetime import datetime
 from math import isfinite, log10
 from pathlib import Path
 
-from gui.model import PlaneKey, Point
+from gui.points import PlaneKey, Point
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "\u2212"
@@ -97,8 +97,3 @@ def point_values(point: Point) -> str:
     if point.time is not None:
         parts.append(f"{clock_time(point.time)} UTC")
     return "   ".join(parts)
-
-
-def decades(volts_per_ampere: float) -> float:
-    """Logarithm of a gain to the base 10; 0 for what is no gain."""
-    return log10(volts_per_ampere) if volts_per_ampere > 0 else 0.0

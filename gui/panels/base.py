@@ -8,7 +8,8 @@ from PySide6.QtCore import QSize, Signal
 from PySide6.QtGui import QColor, QImage, QShowEvent
 from PySide6.QtWidgets import QFrame, QLabel, QVBoxLayout, QWidget
 
-from gui.model import Changes, PlaneKey, ScanModel
+from gui.model import Changes, ScanModel
+from gui.points import PlaneKey
 from gui.theme import Theme
 
 Area = Literal["header", "banner", "acquire", "acquire-right", "left", "centre", "bottom"]
@@ -24,7 +25,7 @@ class Panel(QFrame):
     asked
         The person wants something done (one of ``Command``).
     plane_chosen
-        The person points at an azimuth plane (:class:`gui.model.PlaneKey`).
+        The person points at an azimuth plane (:class:`gui.points.PlaneKey`).
     fell_behind
         What is seen is not what is known: :meth:`catch_up` is wanted.
     """

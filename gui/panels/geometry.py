@@ -5,8 +5,9 @@ from __future__ import annotations
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from gui import marks, words
-from gui.model import Changes, ScanModel, noise_of, plane_of
+from gui.model import Changes, ScanModel, noise_of
 from gui.panels.base import Panel, quiet, value
+from gui.points import plane_of
 from gui.theme import Theme
 
 _FLAGS = {1: "saturated", 2: "overload", 4: "shadowed", 8: "repeated"}  # CF flags of the run file

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
+import time
+from collections.abc import Callable
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -16,12 +18,19 @@ from gui.axes import Grid, add_plot, style_axes
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.theme import Theme
-from gui.traces import Trace, roomy
+from gui.traces import Array, roomy
 
 _EVERY_MS = 500
 _SYMBOLS = ("o", "t1", "s", "d", "star", "p", "h", "+")
 _ROWS = ("reference (%)", "dark level (mV)", "scatter (%)", "gain (log₁₀ V/A)")
 _LEAST = (0.1, 0.01, 0.01, 1.0)  # extents of the ordinates
+#: Numbers of the model as they are plotted; all of these rise with them.
+_AS_SHOWN: tuple[Callable[[Array], Array], ...] = (
+    lambda percent: percent,
+    lambda volts: 1e3 * volts,
+    lambda share: 100 * share,
+    lambda gains: np.log10(np.where(gains > 0, gains, 1.0)),
+)
 _HINT = "Point at a value to read it. The reference is shown relative to its first reading at the same azimuth."
 
 
@@ -60,13 +69,11 @@ class HistoryPanel(Panel):
         self.lines = [pg.PlotDataItem() for _ in _ROWS[1:]]
         for plot, line in zip(self.plots[1:], self.lines, strict=True):
             plot.addItem(line)
-        self._trace = Trace(len(_ROWS))  # hours, dark, scatter, gain
-        self._taken = 0
+        self._drawn = 0.0
         self._by_hand = False
         self._ranges: dict[int, tuple[float, float]] = {}
         self._due = QTimer(self)
         self._due.setSingleShot(True)
-        self._due.setInterval(_EVERY_MS)
         self._due.timeout.connect(self._draw)
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self._style()
@@ -75,12 +82,11 @@ class HistoryPanel(Panel):
     def refresh(self, changes: Changes) -> None:
         """Draw again, not oftener than twice a second."""
         if changes.scan:
-            self._trace.clear()
-            self._taken, self._by_hand = 0, False
+            self._by_hand = False
             self._ranges.clear()
             self._draw()
         if (changes.scan or changes.current) and not self._due.isActive():
-            self._due.start()
+            self._due.start(max(round(1e3 * (self._drawn - time.monotonic())) + _EVERY_MS, 0))
 
     def _moved_by_hand(self, *_: object) -> None:
         self._by_hand = True
@@ -101,43 +107,30 @@ class HistoryPanel(Panel):
         for line, colour in zip(self.lines, (theme.measured, theme.simulated, theme.quiet_text), strict=True):
             line.setPen(pg.mkPen(colour))  # a thick line of many points takes Qt long
 
-    def _hours(self, time: datetime) -> float:
-        start = self.model.started or time
-        return (time - start).total_seconds() / 3600
-
     def _draw(self) -> None:
+        self._drawn = time.monotonic()
         first: dict[float, float] = {}
         x, y, symbols = [], [], []
         for reading in self.model.references:
             origin = first.setdefault(reading.sensor_azimuth, reading.current)
-            x.append(self._hours(reading.time))
+            x.append(self.model.hours(reading.time))
             y.append(100 * (reading.current / origin - 1) if origin else 0.0)
             symbols.append(_SYMBOLS[list(first).index(reading.sensor_azimuth) % len(_SYMBOLS)])
         ink = pg.mkPen(self.theme.measured, width=1.4)
         self.reference.setData(x=x, y=y, symbol=symbols, size=9, pen=ink, brush=pg.mkBrush(self.theme.surface))
-        self._take_health()
         for column, line in enumerate(self.lines, start=1):
-            line.setData(*self._trace.outline(column))
+            hours, values = self.model.health.outline(column)
+            line.setData(hours, _AS_SHOWN[column](values))
         if not self._by_hand:
             self._set_ranges(x, y)
 
-    def _take_health(self) -> None:
-        """Append what was read since the last time."""
-        model = self.model
-        new = min(model.readings - self._taken, len(model.health))
-        self._taken = model.readings
-        latest = [model.health[i] for i in range(-new, 0)]
-        self._trace.extend(
-            (self._hours(each.time), 1e3 * each.dark, 100 * each.noise, words.decades(each.gain)) for each in latest
-        )
-
     def _set_ranges(self, x: list[float], y: list[float]) -> None:
         """Ranges that do not move with every point: axes are what such a plot costs most."""
-        rows = self._trace.rows
+        rows = self.model.health.rows
         for row, least in enumerate(_LEAST):
             values = rows[:, row] if row else np.array(y)
             if len(values):
-                low, high = float(values.min()), float(values.max())
+                low, high = _AS_SHOWN[row](np.array([values.min(), values.max()])).tolist()
                 self._show_range(row, roomy(low, high, self._ranges.get(row), least))
         times = [*x, *rows[:1, 0].tolist(), *rows[-1:, 0].tolist()]
         if times:
@@ -159,17 +152,16 @@ class HistoryPanel(Panel):
                 continue
             x = plot.getViewBox().mapSceneToView(position).x()
             if row == 0 and self.model.references:
-                near = min(self.model.references, key=lambda each: abs(self._hours(each.time) - x))
+                near = min(self.model.references, key=lambda each: abs(self.model.hours(each.time) - x))
                 self.readout.setText(
                     f"{words.clock_time(near.time)} UTC   sensor azimuth {words.angle(near.sensor_azimuth)}"
                     f"   {words.current(near.current)} ± {100 * near.relative_standard_error:.2g} %"
                 )
-            elif row and (here := self._trace.nearest(x)) is not None:
+            elif row and (here := self.model.health.nearest(x)) is not None:
                 start = self.model.started
                 when = f"{words.clock_time(start + timedelta(hours=here[0]))} UTC   " if start else ""
-                self.readout.setText(
-                    f"{when}dark {here[1]:.3g} mV   scatter {here[2]:.2g} %   gain {words.gain(10 ** here[3])}"
-                )
+                dark, scatter = 1e3 * here[1], 100 * here[2]
+                self.readout.setText(f"{when}dark {dark:.3g} mV   scatter {scatter:.2g} %   gain {words.gain(here[3])}")
             return
 
 

@@ -9,8 +9,9 @@ from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidget
 
 from gui import marks, words
-from gui.model import Changes, PlaneKey, ScanModel
+from gui.model import Changes, ScanModel
 from gui.panels.base import Panel
+from gui.points import PlaneKey
 from gui.scores import CATEGORIES
 from gui.theme import Theme
 

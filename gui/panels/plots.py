@@ -15,9 +15,10 @@ from gui import marks, words
 from gui.axes import Grid, add_plot, style_axes
 from gui.comparison import T_BANDS
 from gui.curves import Band
-from gui.model import Changes, PlaneKey, Point, ScanModel
+from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.panels.legend import legend
+from gui.points import PlaneKey, Point
 from gui.scores import CATEGORIES
 from gui.theme import Theme
 from gui.traces import roomy

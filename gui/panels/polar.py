@@ -8,9 +8,10 @@ from typing import Any
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QWidget
 
 from gui import words
-from gui.model import Changes, PlaneKey, Point, ScanModel
+from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.panels.legend import category_legend
+from gui.points import PlaneKey, Point
 from gui.polar_map import PolarMap, Spot
 from gui.scores import Score
 from gui.theme import Theme

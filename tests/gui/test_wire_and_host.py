@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from scan_script import geometries, preparation, readings
+from scan_script import geometries, preparation, readings, started
 
 from gui import sessions
 from gui.host import Host, Spool
@@ -27,6 +27,7 @@ from gui.notices import (
 from gui.remote import RemoteController
 from gui.setup import Setup
 from gui.wire import COMMANDS, decode, encode
+from instrument.events import Message
 from instrument.prompts import Prompt
 from instrument.request import ScanRequest
 
@@ -54,6 +55,19 @@ def test_everything_that_is_said_survives_the_wire(item: object) -> None:
     line = encode(item)  # type: ignore[arg-type]
     assert "\n" not in line
     assert decode(line.encode()) == item
+
+
+def test_a_long_line_is_read_in_pieces_and_says_the_same() -> None:
+    plan = geometries({0.0: tuple(range(0, 180, 9)), 15.0: (0.0,)}, step=2)
+    event = started(plan, done=(3, 5))
+    line = encode(event)
+    assert len(line) > 100_000
+    assert decode(line) == decode(line.encode()) == event
+    wrong = line.replace('"sensor_azimuth":', '"sensor":', 1)
+    with pytest.raises(ValueError, match="sensor_azimuth"):
+        decode(wrong)
+    long = Message(time=event.time, level="error", text="x" * 120_000)
+    assert decode(encode(long)) == long
 
 
 @pytest.mark.parametrize("line", [b"", b"{}", b'{"notice": "Unknown"}', b'{"kind": "nothing"}', b"HALT"])

@@ -6,7 +6,7 @@ import pytest
 
 from gui import words
 from gui.looks import LOOKS, actions
-from gui.model import PlaneKey, Point
+from gui.points import PlaneKey, Point
 from gui.scores import Score
 from instrument.events import Geometry
 from instrument.states import FINAL, TRANSITIONS, State
