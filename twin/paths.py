@@ -92,26 +92,42 @@ class Paths:
         state = (dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float64, lanes))
         return dr.while_loop(state, lambda begun, _: begun < share.count, step, label="reflected once")[-1]
 
-    def plate_top(self, sensor: PlateLane, seeds: Any, share: Share) -> Any:
-        """Sum over a lane's points of the light from the top of a plate, which needs no ray: whole less openings."""
+    def plate_top(self, sensor: PlateLane, seeds: Any, share: Share, few: Share) -> Any:
+        """Sum over a lane's points of the light from the top of a plate, which needs no ray: whole less openings.
+
+        Directions hardly differ within a geometry, so the table is read once for all points, and what that leaves out
+        is found from few of them.
+
+        Parameters
+        ----------
+        few
+            A share of fewer points.
+        """
         mi, dr = self._mi, self._dr
         lanes = dr.width(share.start)
         normal = mi.Normal3f(0.0, 0.0, 1.0)
         surface = self.lookup.at(sensor.table, dr.opaque(mi.UInt32, int(Surface.PLATE_TOP)), True)
+        about = self.lookup.between(surface, normal, *sensor.axes(), True)
 
-        def step(begun: Any, total: Any) -> tuple[Any, Any]:
-            active = begun < share.count
-            index = share.index(mi, dr, begun, active)
-            for sign, choose in ((1.0, sensor.plate_point), (-1.0, sensor.opening_point)):
-                place, towards, weight = choose(index, seeds, active)
-                light, irradiance = sensor.illuminate(place, index, _PLATE_SALT, seeds)
-                seen = active & (weight > 0) & (irradiance > 0)
-                brdf = self.lookup.between(surface, normal, towards, light, seen)
-                total += mi.Float64(dr.select(seen, sign * weight * irradiance * light.z * brdf, 0.0))
-            return begun + 1, total
+        def summed(share: Share, *, change: bool) -> Any:
+            def step(begun: Any, total: Any) -> tuple[Any, Any]:
+                active = begun < share.count
+                index = share.index(mi, dr, begun, active)
+                for sign, choose in ((1.0, sensor.plate_point), (-1.0, sensor.opening_point)):
+                    place, towards, weight = choose(index, seeds, active)
+                    light, irradiance = sensor.illuminate(place, index, _PLATE_SALT, seeds)
+                    seen = active & (weight > 0) & (irradiance > 0)
+                    flow = sign * weight * irradiance * light.z
+                    if change:
+                        flow *= self.lookup.between(surface, normal, towards, light, seen) - about
+                    total += mi.Float64(dr.select(seen, flow, 0.0))
+                return begun + 1, total
 
-        state = (dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float64, lanes))
-        return dr.while_loop(state, lambda begun, _: begun < share.count, step, label="plate top")[-1]
+            state = (dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float64, lanes))
+            return dr.while_loop(state, lambda begun, _: begun < share.count, step, label="plate top")[-1]
+
+        times = mi.Float64(share.count) / mi.Float64(few.count)
+        return summed(share, change=False) * about + summed(few, change=True) * times
 
     def scattered(self, sensor: Lane, seeds: Any, share: Share) -> Any:
         """Sum over a lane's sight lines of the light that is reflected at least twice.

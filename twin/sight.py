@@ -168,6 +168,10 @@ class Lane:
     def _scalar(self, name: str) -> Any:
         return self._value[name][0]
 
+    def axes(self) -> tuple[Any, Any]:
+        """Directions to the sensor and to the light at the middle of target and beam."""
+        return self._vector("view"), self._vector("light")
+
     def sight_line(self, number: Any, seed: Any, active: Any) -> tuple[Any, Any, Any]:
         """Start a path: a ray from the sensor, entering the box around the sample.
 

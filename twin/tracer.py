@@ -61,6 +61,8 @@ _LIGHT_SALT, _PART_SALT = 0x51ED270B, 0x3C6EF372
 #: Lanes of a launch are at least this many where the samples suffice, to fill the machine.
 _LANES = 4096
 _PACKET = 16
+#: Of so many points on the plate's top one tells how the table changes between them.
+_TOP_TABLE = 8
 #: Geometries of one launch at most: bounds the memory.
 _POINTS = 8192
 
@@ -244,25 +246,28 @@ class Tracer:
         stride = dr.opaque(mi.UInt32, streams)
         lane = dr.arange(mi.UInt32, cells * streams)
         cell = lane // stride
-        start, origin = lane - cell * stride, dr.opaque(mi.UInt32, first)
+        start = lane - cell * stride
         geometry = cell // RANDOMISATIONS
         slots = some.scattered if part == Part.SCATTERED else some.once
         sensor = self._sensor(some.records, some.extra, slots, some, geometry)
         randomisation = cell - geometry * RANDOMISATIONS
         seeds = _seeds(mi, dr, sensor.key, randomisation, seed)
-        span = samples if light is None else min(samples, LIGHT_BLOCK)
-        order = mi.UInt32(coherent_order(span.bit_length() - 1).ravel())
-        count = dr.opaque(mi.UInt32, samples // streams)
-        share = Share(start, stride, count, origin, order, dr.opaque(mi.UInt32, span))
+
+        def share_of(samples: int, first: int, span: int) -> Share:
+            order = mi.UInt32(coherent_order(span.bit_length() - 1).ravel())
+            count, origin, stretch = (dr.opaque(mi.UInt32, number) for number in (samples // streams, first, span))
+            return Share(start, stride, count, origin, order, stretch)
+
+        share = share_of(samples, first, samples if light is None else min(samples, LIGHT_BLOCK))
         if light is not None and self._light is not None and some.light is not None:
             group = dr.gather(mi.UInt32, mi.UInt32(np.append(some.light.group, 0).astype(np.uint32)), geometry)
             total: Any = self._light.joined(sensor, seeds, share, light, group, randomisation)
+        elif part == Part.PLATE_TOP:
+            fewer = max(streams, samples // _TOP_TABLE)
+            few = share_of(fewer, first * fewer // samples, fewer)
+            total = self._paths.plate_top(sensor, seeds, share, few)
         else:
-            follow: Any = {
-                Part.PLATE_TOP: self._paths.plate_top,
-                Part.REFLECTED_ONCE: self._paths.reflected_once,
-                Part.SCATTERED: self._paths.scattered,
-            }[part]
+            follow: Any = {Part.REFLECTED_ONCE: self._paths.reflected_once, Part.SCATTERED: self._paths.scattered}[part]
             total = follow(sensor, seeds, share)
         return np.array(total).reshape(-1, RANDOMISATIONS, streams).sum(axis=2) / samples
 

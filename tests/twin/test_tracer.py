@@ -320,3 +320,20 @@ def test_bad_numbers_of_samples_are_refused() -> None:
     for samples, first in ((0, 0), (24, 0), (64, 32), (2**25, 0)):
         with pytest.raises(ValueError, match="expected a power of two"):
             tracer.radiance(layout, table, samples, seed=1, first=first)
+
+
+@pytest.mark.parametrize("sample", [flat(), artifact([(1.0, 0.5, 2.0)])], ids=["whole", "one hole"])
+def test_a_table_that_changes_within_the_beam_is_followed(sample: Any) -> None:
+    """Light from 100 mm comes from up to 3.1 degrees off the axis; there the table has lost a third."""
+    cos_i = np.array([0.0, 0.5, 0.998, 1.0])
+    brf = np.broadcast_to([0.5, 0.5, 0.5, 1.0], (1, 4, 5, 4))
+    peaked = Material(cos_i, np.linspace(0, 2 * np.pi, 5), cos_i, brf / np.pi, name="peaked")
+    tracer, setup, geometry = (
+        Tracer(build_mesh(sample), peaked),
+        Setup(source_distance_mm=100.0),
+        columns(0, [40.0], 30),
+    )
+    value, error = trace(tracer, facility(), geometry, 1024, setup=setup)
+    whole, whole_error = trace(tracer, facility(), geometry, 8192, seed=2, setup=setup, mixture=UNRESTRICTED)
+    assert error < 0.002 * value
+    assert abs(value - whole) < 4 * np.hypot(error, whole_error)
