@@ -10,6 +10,7 @@ lengthen little. ``--page each`` goes from page to page and from tab to tab mean
 from __future__ import annotations
 
 import argparse
+import gc
 import itertools
 import json
 import math
@@ -25,8 +26,7 @@ from typing import Any
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from PySide6.QtCore import QObject, QSettings, QTimer
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import QEventLoop, QObject, QSettings, QTimer
 
 from gui.application import load_qt, start_application
 from gui.collecting import Collector
@@ -150,6 +150,20 @@ class Loop(QObject):
         self._last = (time.perf_counter(), time.thread_time())
 
 
+def timed_collections() -> list[float]:
+    """Milliseconds of the Qt thread that each round of the garbage collector takes, from now on."""
+    begun, took = [0.0], list[float]()
+
+    def called(phase: str, _: dict[str, int]) -> None:
+        if phase == "start":
+            begun[0] = time.thread_time()
+        else:
+            took.append(1e3 * (time.thread_time() - begun[0]))
+
+    gc.callbacks.append(called)
+    return took
+
+
 def memory_mb() -> float:
     """Resident memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -173,12 +187,11 @@ def opened() -> MainWindow:
     window = MainWindow(lambda listener, plan: NoScan(), settings, setup=Setup(simulate=True))
     keep_collections_short(window)
     Collector(window)
+    ready = QEventLoop()
+    window.laid_out.connect(ready.quit)
     window.show()
     window.prepare()
-    end = time.monotonic() + 60
-    while not window.prepared and time.monotonic() < end:
-        QApplication.processEvents()
-        time.sleep(0.005)
+    ready.exec()
     return window
 
 
@@ -221,6 +234,7 @@ def run(count: int, rate: float, page: str) -> dict[str, Any]:
     watch.start(5000)
     sender = threading.Thread(target=play, args=(window, lines, rate, done), daemon=True)
     began, cpu = time.perf_counter(), time.process_time()
+    collections = timed_collections()
     loop.start()
     window.do("start")
     window.bridge.on_event(ControllerStarting())
@@ -240,6 +254,7 @@ def run(count: int, rate: float, page: str) -> dict[str, Any]:
         "passes": len(wall),
         **figures("qt_thread", thread),
         **figures("wall", wall),
+        "longest_collection_ms_qt_thread": round(max(collections, default=0.0), 1),
         "slowest": loop.slowest,
         "share_of_one_processor": round(cpu / took, 2),
         "memory_mb": memory,

@@ -8,7 +8,7 @@ from typing import Any
 import pyqtgraph as pg
 from PySide6.QtCore import QLineF, QRectF
 from PySide6.QtGui import QColor, QPainter
-from PySide6.QtWidgets import QGraphicsItem
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsScene
 
 from gui.words import MINUS
 
@@ -41,19 +41,23 @@ class SteadyAxis(pg.AxisItem):
         self.setStyle(tickLength=-_TICK)
         self.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
 
-    def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
-        """One level of ticks (pyqtgraph's name and arguments)."""
-        extent = abs(maxVal - minVal)
-        return [(step(extent, size, _APART[self.orientation]), 0.0)] if extent > 0 and size > 0 else []
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """One level of ticks: their distance and where they are (pyqtgraph's name and arguments)."""
+        low, high = sorted((minVal, maxVal))
+        if not (high > low and size > 0):
+            return []
+        apart = step(high - low, size, _APART[self.orientation])
+        return [(apart, [apart * number for number in range(math.ceil(low / apart), math.floor(high / apart) + 1)])]
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Numbers with a minus sign that is one (pyqtgraph's name and arguments)."""
-        strings: list[str] = super().tickStrings([value + 0.0 for value in values], scale, spacing)
+        strings: list[str] = super().tickStrings(values, scale, spacing)
         return [text.replace("-", MINUS) for text in strings]
 
     def places(self, length: float) -> list[float]:
         """Where the ticks are, over a length in pixels."""
-        return [value for _, values in self.tickValues(*self.range, length) for value in values]
+        low, high = self.range
+        return [value for _, values in self.tickValues(low, high, length) for value in values]
 
 
 class Grid(pg.GraphicsObject):
@@ -96,6 +100,7 @@ class Grid(pg.GraphicsObject):
 def add_plot(graphics: Any, row: int) -> Any:
     """A plot in a row of a ``GraphicsLayoutWidget``, with steady axes."""
     plot = graphics.addPlot(row=row, col=0, axisItems={side: SteadyAxis(side) for side in ("left", "bottom")})
+    graphics.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)  # few items, all of which move
     plot.setMenuEnabled(False)
     plot.hideButtons()
     plot.getAxis("left").setWidth(72)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import (
     QButtonGroup,
@@ -48,7 +48,14 @@ class Frame(QMainWindow):
         What is driven, in words, for the title.
     plan_needed
         True where the laboratory brings no plan of its own.
+
+    Signals
+    -------
+    laid_out
+        Every page has been laid out once (:meth:`prepare`), and what they read at first has come.
     """
+
+    laid_out = Signal()
 
     def __init__(self, settings: QSettings, setup: Setup, laboratory: str, plan_needed: bool) -> None:
         super().__init__()
@@ -237,17 +244,16 @@ class Frame(QMainWindow):
             self._unseen += [(tab, shown) for tab in later]
         QTimer.singleShot(_PREPARED_MS, self, self._prepare_one)
 
-    @property
-    def prepared(self) -> bool:
-        """Whether every page is laid out."""
-        return not self._unseen
-
     def _prepare_one(self) -> None:
         if self._unseen:
             widget, model = self._unseen.pop(0)
             widget.resize(model.size())
             widget.grab()
             QTimer.singleShot(0, self, self._prepare_one)
+        elif any(work.busy for work in self.findChildren(Work)):
+            QTimer.singleShot(_PREPARED_MS, self, self._prepare_one)
+        else:
+            self.laid_out.emit()
 
     def _restore_splitters(self) -> None:
         value = self._settings.value("down")

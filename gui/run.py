@@ -107,7 +107,7 @@ def keep_collections_short(window: MainWindow) -> None:
         gc.freeze()
 
     window.bridge.changed.connect(lambda changes: gc.freeze() if changes.scan else None)
-    QTimer.singleShot(0, window, freeze)
+    window.laid_out.connect(freeze)
 
 
 def obey_signals(window: MainWindow) -> QTimer:

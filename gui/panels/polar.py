@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QWidget
 
@@ -56,7 +55,7 @@ class PolarPanel(Panel):
         self.readout = quiet(_HINT)
         self.readout.setWordWrap(True)
         self.body.addWidget(self.readout)
-        self._groups: dict[tuple[Any, ...], list[int]] = {}
+        self._groups: dict[tuple[float, float, float], list[int]] = {}
         self._places: dict[int, int] = {}
         self._filling = False
         self.refresh(Changes(scan=True))
@@ -80,8 +79,7 @@ class PolarPanel(Panel):
             self._regroup()
             return
         if changes.current and self.follow.isChecked() and self.model.current is not None:
-            key = _group(self.model.points[self.model.current])
-            index = list(self._groups).index(key)
+            index = self._here()
             if index != self.choice.currentIndex():
                 self.choice.setCurrentIndex(index)
                 return
@@ -102,18 +100,22 @@ class PolarPanel(Panel):
 
     def _regroup(self) -> None:
         self._groups = {}
-        for point in self.model.points:
-            self._groups.setdefault(_group(point), []).append(point.index)
+        for plane, indices in self.model.planes.items():
+            self._groups.setdefault(plane[:3], []).extend(indices)
         self._filling = True
         self.choice.clear()
-        for wavelength, zenith, azimuth, *_ in self._groups:
+        for wavelength, zenith, azimuth in self._groups:
             side = f", azimuth {words.angle(azimuth)}" if azimuth else ""
             self.choice.addItem(f"{wavelength:g} nm, illumination zenith {words.angle(zenith)}{side}")
         if self.follow.isChecked() and self.model.current is not None:
-            here = _group(self.model.points[self.model.current])
-            self.choice.setCurrentIndex(list(self._groups).index(here))
+            self.choice.setCurrentIndex(self._here())
         self._filling = False
         self._show()
+
+    def _here(self) -> int:
+        """The place in the list of the illumination that the arms are in."""
+        plane = self.model.current_plane
+        return -1 if plane is None else list(self._groups).index(plane[:3])
 
     def _chosen(self) -> None:
         if not self._filling:
@@ -124,7 +126,7 @@ class PolarPanel(Panel):
         if plane is None:
             return
         for index, key in enumerate(self._groups):
-            if key[:3] == plane[:3] and self.choice.currentIndex() != index:
+            if key == plane[:3] and self.choice.currentIndex() != index:
                 self.choice.setCurrentIndex(index)
 
     def _show(self) -> None:
@@ -147,11 +149,6 @@ class PolarPanel(Panel):
         point = self.model.points[index]
         azimuth = f"sensor azimuth {words.angle(point.geometry.sensor_azimuth)}   "
         self.readout.setText(azimuth + words.point_values(point))
-
-
-def _group(point: Point) -> tuple[Any, ...]:
-    g = point.geometry
-    return (g.wavelength, g.illumination_zenith, g.illumination_azimuth)
 
 
 def _kind(point: Point, metric: str) -> str:
