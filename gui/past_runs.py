@@ -1,7 +1,8 @@
-"""What the lists of runs show: an overview of each run folder with what else lies in it. Read on a thread."""
+"""What the lists of runs show: rows of the catalogue, and what else lies in a run folder. Read on a thread."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,11 +10,13 @@ from typing import TYPE_CHECKING
 from instrument.errors import InputError
 
 if TYPE_CHECKING:  # what reads runs takes a second to load: that is done on the thread
-    from instrument.run_archive import Overview
+    from instrument.catalogue.entry import Entry
+    from instrument.catalogue.search import Query
 
 REPORT_NAME, DIAGNOSIS_NAME, TWIN_NAME = "diagnosis.html", "diagnosis.json", "corrected-twin.toml"
 #: Outcomes after which a run can go on.
 RESUMABLE = ("interrupted", "aborted", "halted", "faulted")
+_LEFT_OUT = ("export-",)  # folders of figures that a person wrote for elsewhere
 
 
 @dataclass(frozen=True)
@@ -22,41 +25,55 @@ class PastRun:
 
     Attributes
     ----------
-    figures
-        Pictures in it.
-    report
-        Of its diagnosis; None where there is none.
+    folder
+        Where it lies.
+    row
+        What the catalogue says of it.
     """
 
-    overview: Overview
-    figures: tuple[Path, ...] = ()
-    report: Path | None = None
+    folder: Path
+    row: Entry
 
     @property
-    def folder(self) -> Path:
-        """Where it lies."""
-        return self.overview.folder
+    def started(self) -> str:
+        """Day and time, UTC; empty where nobody knows."""
+        return self.row.created[:16].replace("T", " ")
+
+    @property
+    def name(self) -> str:
+        """Its title; its folder's name where it has none."""
+        return self.row.title or self.folder.name
+
+    @property
+    def readable(self) -> bool:
+        """Whether there is something to show."""
+        return self.row.outcome != "damaged" and self.row.measured > 0
 
     @property
     def resumable(self) -> bool:
         """Whether points are missing that can still be measured."""
-        row = self.overview
-        return not row.problem and row.outcome in RESUMABLE and row.measured + row.skipped < row.planned
+        row = self.row
+        return row.outcome in RESUMABLE and row.measured + row.skipped < row.planned
 
 
-def past_runs(folder: Path) -> list[PastRun]:
-    """Every run in a folder, newest first; none where there is no such folder."""
-    from instrument.run_archive import overviews
+def past_runs(folder: Path, query: Query | None = None) -> list[PastRun]:
+    """The runs in a folder that a search finds, newest first; none where there is no such folder."""
+    from instrument.catalogue.store import Catalogue
 
     try:
-        rows = overviews(folder)
+        rows = Catalogue(folder).search(query)
     except InputError:
         return []
-    runs = [_past(row) for row in rows]
-    return sorted(runs, key=lambda run: run.overview.created or run.folder.name, reverse=True)
+    rows.sort(key=lambda row: row.created or row.name, reverse=True)
+    return [PastRun(folder / row.name, row) for row in rows]
 
 
-def _past(row: Overview) -> PastRun:
-    figures = sorted(path for path in row.folder.rglob("*.png") if "export-" not in str(path))
-    report = row.folder / REPORT_NAME
-    return PastRun(row, tuple(figures), report if report.is_file() else None)
+def figures_of(folder: Path) -> list[Path]:
+    """Pictures in a run folder."""
+    return sorted(_pictures(folder))
+
+
+def _pictures(folder: Path) -> Iterator[Path]:
+    for path in folder.rglob("*.png"):
+        if not any(part.startswith(_LEFT_OUT) for part in path.relative_to(folder).parts):
+            yield path

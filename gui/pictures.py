@@ -148,7 +148,7 @@ def take(run: Path, understood: Path, folder: Path, scale: int) -> None:
     shoot("7-understand")
     window.show_page("runs")
     wait(lambda: pages["runs"].table.rowCount() > 0, _PATIENCE_WALL)
-    names = [each.folder.name for each in pages["runs"]._shown]
+    names = [each.folder.name for each in pages["runs"].table.runs]
     pages["runs"].table.selectRow(names.index(run.name))
     shoot("8-runs")
     _ask(window)

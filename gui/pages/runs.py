@@ -1,4 +1,4 @@
-"""Look back: every run with plan, date, state and figures; open, compare, report."""
+"""Look back: the catalogue of runs, searched by plan, sample, date, state, figure of merit; open, compare, report."""
 
 from __future__ import annotations
 
@@ -8,42 +8,31 @@ from typing import Any
 from PySide6.QtCore import QSettings, QSize, Qt, QUrl
 from PySide6.QtGui import QDesktopServices, QIcon, QImage, QPixmap
 from PySide6.QtWidgets import (
-    QAbstractItemView,
     QFileDialog,
     QHBoxLayout,
-    QHeaderView,
-    QLineEdit,
     QListWidget,
     QListWidgetItem,
     QPushButton,
-    QTableWidget,
-    QTableWidgetItem,
     QVBoxLayout,
     QWidget,
 )
 
-from gui import marks, words
+from gui import words
 from gui.child import Child
 from gui.compare_window import CompareWindow
 from gui.model import Changes
 from gui.pages.base import Desk, Page, card, explained
 from gui.panels.base import quiet
-from gui.past_runs import PastRun, past_runs
+from gui.past_runs import PastRun, figures_of, past_runs
+from gui.run_search import SearchFields, WrongField
+from gui.run_table import RunTable
+from gui.theme import Theme
 from gui.work import Work
 from instrument.states import FINAL
 
-_HEADS = ("Started (UTC)", "Title", "Points", "State", "Operator", "Sample", "Figures", "Folder")
 REPORT_NAME = "report.html"
 _WORDS_KEPT = 1000  # characters of what the report's process says
 _PICTURE, _PICTURES = QSize(180, 110), 24  # size and number of the figures that are listed
-#: State of a run: sign and tone.
-_STATES = {
-    "finished": ("check", "good"),
-    "aborted": ("square", "quiet"),
-    "interrupted": ("pause", "hold"),
-    "halted": ("cross", "bad"),
-    "faulted": ("warning", "bad"),
-}
 
 
 class RunsPage(Page):
@@ -57,8 +46,6 @@ class RunsPage(Page):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self.runs: list[PastRun] = []
-        self._shown: list[PastRun] = []
         self._list, self._open, self._read = Work(self), Work(self), Work(self)
         self._read.finished.connect(self._show_figures)
         self._child = Child(self)
@@ -66,6 +53,7 @@ class RunsPage(Page):
         self._child.ended.connect(self._report_ended)
         self._reported, self._words = Path(REPORT_NAME), ""
         self._list.finished.connect(self._show)
+        self._list.failed.connect(self._not_found)
         self._open.finished.connect(lambda task: task())
         self._open.failed.connect(self._complain)
         column = QVBoxLayout(self)
@@ -73,7 +61,13 @@ class RunsPage(Page):
         column.setSpacing(8)
         frame, body = card()
         body.addLayout(self._head())
-        self.table = self._table()
+        self.search = SearchFields()
+        self.search.changed.connect(self.read)
+        self.search.wrong.connect(self._say)
+        body.addWidget(self.search)
+        self.table = RunTable(lambda: self.desk.theme)
+        self.table.chosen.connect(self._choose)
+        self.table.opened.connect(self._open_run)
         body.addWidget(self.table, 1)
         body.addLayout(self._buttons())
         self.problem = quiet()
@@ -90,11 +84,6 @@ class RunsPage(Page):
     def _head(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.where = quiet()
-        self.search = QLineEdit()
-        self.search.setPlaceholderText("find: title, state, operator, sample, date")
-        self.search.setAccessibleName("Find runs")
-        self.search.setClearButtonEnabled(True)
-        self.search.textChanged.connect(lambda _: self._fill())
         for text, tip, slot in (
             ("Folder…", "Another folder with runs", self._choose_folder),
             ("Read again", "Read the folder again", self.read),
@@ -104,24 +93,8 @@ class RunsPage(Page):
             button.clicked.connect(slot)
             row.addWidget(button)
         row.addWidget(self.where)
-        row.addWidget(self.search, 1)
+        row.addStretch(1)
         return row
-
-    def _table(self) -> QTableWidget:
-        table = QTableWidget(0, len(_HEADS))
-        table.setHorizontalHeaderLabels(_HEADS)
-        table.setAccessibleName("Runs, newest first")
-        table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        table.setTabKeyNavigation(False)
-        table.setShowGrid(False)
-        table.verticalHeader().hide()
-        table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
-        table.horizontalHeader().setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
-        table.itemSelectionChanged.connect(self._choose)
-        table.itemActivated.connect(lambda _: self._open_run())
-        return table
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -172,10 +145,10 @@ class RunsPage(Page):
             self.open_folder(Path(what.removeprefix("open:")))
 
     def read(self) -> None:
-        """Read the folder again, on a thread."""
-        folder = self.desk.setup.runs
-        self.where.setText(words.place(folder))
-        self._list.do(lambda: past_runs(folder))
+        """Search the catalogue, on a thread; it reads what has changed in the folders first."""
+        folder, query = self.desk.setup.runs, self.search.query()
+        self.where.setText(f"{words.place(folder)}: looking…")
+        self._list.do(lambda: past_runs(folder, query()))
 
     def _choose_folder(self) -> None:
         name = QFileDialog.getExistingDirectory(self, "Folder with runs", str(self.desk.setup.runs))
@@ -185,34 +158,26 @@ class RunsPage(Page):
             self.read()
 
     def _show(self, runs: list[PastRun]) -> None:
-        self.runs = runs
-        self._fill()
+        self.search.mark("", "")
+        count = "no runs" if not runs else "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+        self.where.setText(f"{words.place(self.desk.setup.runs)}: {count}")
+        self.table.put(runs)
 
-    def _fill(self) -> None:
-        wanted = self.search.text().lower().split()
-        self._shown = [run for run in self.runs if all(word in _texts(run).lower() for word in wanted)]
-        self.table.setRowCount(len(self._shown))
-        for row, run in enumerate(self._shown):
-            for column, text in enumerate(_row(run)):
-                item = QTableWidgetItem(text)
-                item.setToolTip(run.overview.problem or str(run.folder))
-                if column == 3:
-                    sign, tone = _STATES.get(run.overview.outcome, ("warning", "bad"))
-                    item.setIcon(marks.icon(sign, self.desk.theme.tone(tone)))
-                self.table.setItem(row, column, item)
-        if self._shown:
-            self.table.selectRow(0)
-        self._choose()
+    def _not_found(self, error: Exception) -> None:
+        self.where.setText(words.place(self.desk.setup.runs))
+        if isinstance(error, WrongField):
+            self.search.mark(error.field, str(error))
+        else:
+            self._complain(error)
 
     def chosen(self) -> list[PastRun]:
         """The chosen runs."""
-        rows = sorted({index.row() for index in self.table.selectionModel().selectedRows()})
-        return [self._shown[row] for row in rows if row < len(self._shown)]
+        return self.table.selected()
 
     def _choose(self) -> None:
         chosen = self.chosen()
         one = chosen[0] if len(chosen) == 1 else None
-        readable = one is not None and not one.overview.problem and one.overview.measured > 0
+        readable = one is not None and one.readable
         idle = not self.model.connected
         self.buttons["open"].setEnabled(readable and idle)
         self.buttons["compare"].setEnabled(len(chosen) == 2)
@@ -221,17 +186,12 @@ class RunsPage(Page):
         self.buttons["report"].setEnabled(readable and not self._child.running)
         self.buttons["folder"].setEnabled(one is not None)
         self.figures.clear()
-        paths = one.figures[:_PICTURES] if one else ()
-        self.figures.setVisible(bool(paths))
-        self.no_figures.setVisible(not paths)
-        self._read.do(lambda: [(path, _small(path)) for path in paths])
-        if one is not None and one.overview.problem:
-            self._say(one.overview.problem)
-        else:
-            self._say("")
+        self._read.do(lambda: [(path, _small(path)) for path in figures_of(one.folder)[:_PICTURES]] if one else [])
+        self._say(one.row.problem if one is not None else "")
 
     def _show_figures(self, pictures: list[tuple[Path, QImage]]) -> None:
-        self.figures.clear()
+        self.figures.setVisible(bool(pictures))
+        self.no_figures.setVisible(not pictures)
         for path, picture in pictures:
             item = QListWidgetItem(QIcon(QPixmap.fromImage(picture)), path.stem)
             item.setData(Qt.ItemDataRole.UserRole, str(path))
@@ -333,6 +293,10 @@ class RunsPage(Page):
             elif self.isVisible():
                 self._choose()
 
+    def set_theme(self, theme: Theme) -> None:
+        """Signs in other colours."""
+        self.table.viewport().update()
+
     def restore(self, settings: QSettings) -> None:
         """The folder of last time, where none was given."""
         value = settings.value("runs")
@@ -346,21 +310,8 @@ def _small(path: Path) -> QImage:
     return QImage(str(path)).scaled(_PICTURE * 2, *ways)
 
 
-def _row(run: PastRun) -> tuple[str, ...]:
-    row = run.overview
-    started = row.created[:16].replace("T", " ")
-    points = f"{row.measured} of {row.planned}" if not row.problem else ""
-    state = row.outcome or "cannot be read"
-    figures = f"{len(run.figures)}" + (" + report" if run.report else "")
-    return (started, row.title, points, state, row.operator, row.sample, figures, run.folder.name)
-
-
-def _texts(run: PastRun) -> str:
-    return " ".join(_row(run))
-
-
 def _name(run: PastRun) -> str:
-    return f"{run.overview.title or run.folder.name}, {run.overview.created[:16].replace('T', ' ')}"
+    return f"{run.name}, {run.started}"
 
 
 PAGE = RunsPage

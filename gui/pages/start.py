@@ -126,32 +126,32 @@ class StartPage(Page):
             self._last.addWidget(self._rows[-1])
 
     def _row(self, run: PastRun, *, resume: bool) -> QWidget:
-        widget, overview = QWidget(), run.overview
+        widget, seen = QWidget(), run.row
         row = QHBoxLayout(widget)
         row.setContentsMargins(0, 0, 0, 0)
         sign = QLabel()
-        kind = "pause" if resume else "check" if overview.outcome == "finished" else "ring"
+        kind = "pause" if resume else "check" if seen.outcome == "finished" else "ring"
         tone = {"pause": "hold", "check": "good"}.get(kind, "quiet")
         sign.setPixmap(marks.pixmap(kind, self.desk.theme.tone(tone), 18))
-        title = overview.title or run.folder.name
-        what = overview.problem or f"{overview.outcome}, {overview.measured} of {overview.planned} points"
-        text = QLabel(f"{overview.created[:16].replace('T', ' ')}   {title}   ({what})")
+        title = run.name
+        what = seen.problem or f"{seen.outcome}, {seen.measured} of {seen.planned} points"
+        text = QLabel(f"{run.started}   {title}   ({what})")
         text.setToolTip(str(run.folder))
         text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         text.setMinimumWidth(10)
         row.addWidget(sign)
         row.addWidget(text, 1)
         if resume:
-            missing = overview.planned - overview.measured - overview.skipped
+            missing = seen.planned - seen.measured - seen.skipped
             button = QPushButton(f"Go on with it: {missing} points are missing")
             button.setEnabled(not self.model.busy)
             button.clicked.connect(lambda: self._resume(run))
             self.resume_buttons.append(button)
         else:
             button = QPushButton("Open")
-            button.setEnabled(not overview.problem and overview.measured > 0)
+            button.setEnabled(run.readable)
             button.clicked.connect(lambda: self.told.emit(f"open:{run.folder}"))
-        button.setAccessibleName(f"{button.text()}: {title}, {overview.created[:16]}")
+        button.setAccessibleName(f"{button.text()}: {title}, {run.started}")
         row.addWidget(button)
         return widget
 

@@ -143,14 +143,15 @@ class SolidView(QWidget):
             return
         stance = self._now(now)
         fine = stance == self.target and now - self._changed > _STILL_WALL and 0 < self._seconds < _QUICK_WALL
-        request = self._request(stance, fine=fine)
+        request = self.request(stance, fine=fine)
         if request is None or self._asked in (request, request | {"fine": True}):
             if (stance == self.target and now - self._changed > 2 * _STILL_WALL) or request is None:
                 self._clock.stop()
         elif self._renderer.ask(request):
             self._asked = request
 
-    def _request(self, stance: Stance | None, *, fine: bool) -> dict[str, Any] | None:
+    def request(self, stance: Stance | None, *, fine: bool = False) -> dict[str, Any] | None:
+        """What is to be drawn now (:mod:`gui.solid.process`); None where nothing is known of the instrument."""
         if stance is None:
             return None
         size = self._place().size()
