@@ -16,11 +16,12 @@ import numpy as np
 
 from instrument.angles import FloatArray
 from twin.sampling_plan import RATE, Tally
+from twin.smooth_variance import ENOUGH, smoothed
 from twin.tracer import RANDOMISATIONS, Part
 
-#: Geometries from which on the pilot's variances count.
-ENOUGH = 40
 _OWN = RANDOMISATIONS - 1
+#: Degrees of freedom that the pilot's smoothed variances count by at most.
+_MOST = 3 * _OWN
 
 
 @dataclass(frozen=True)
@@ -66,17 +67,18 @@ def nothing_expected(points: int) -> Expected:
 
 def expected(seen: Tally, main: Tally) -> Expected:
     """Carry the pilot's variances over to the main run."""
-    found, before = main.variances(), seen.variances()
+    found, before = main.variances(), smoothed(seen.values())
     variances, degrees = np.zeros_like(found), np.zeros(len(Part))
+    total = main.means().sum(axis=0)
     for part in Part:
-        some = (found[part] > 0) & (before[part] > 0)
+        some = (found[part] > 0) & (before[part] > 0) & (total > 0)
         if some.sum() < ENOUGH:
             continue
         carried = before[part] * (seen.done[part] / np.maximum(main.done[part], 1)) ** (2 * RATE[part])
+        level = np.sum((found[part] / total**2)[some]) / np.sum((carried / total**2)[some])
+        variances[part] = np.where(some, carried * level, 0.0)
         ratio = np.log(found[part][some] / carried[some])
-        # Both have as many degrees of freedom, so the mean logarithm of their ratio is that of the true variances'.
-        variances[part] = np.where(some, carried * np.exp(ratio.mean()), 0.0)
-        degrees[part] = min(_degrees(float(ratio.var(ddof=1)) - _scatter(_OWN)), _OWN)
+        degrees[part] = min(_degrees(float(ratio.var(ddof=1)) - _scatter(_OWN)), _MOST)
     return Expected(variances, degrees)
 
 
