@@ -161,6 +161,13 @@ def read_artifact(path: Path) -> ArtifactDimensions:
     return dimensions
 
 
+def without_holes(dimensions: ArtifactDimensions) -> ArtifactDimensions:
+    """A flat sample of the same outline: the coupon of an artifact."""
+    return replace(
+        dimensions, form=dimensions.form.model_copy(update={"holes": None, "mesh": None}), holes=_no_holes(), mesh=None
+    )
+
+
 def read_holes(path: Path) -> Holes:
     """Read the table of holes (CSV with the header of :data:`HOLE_COLUMNS`, perhaps :data:`CHAMFER_COLUMNS`)."""
     try:

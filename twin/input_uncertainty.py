@@ -34,7 +34,8 @@ _LOG = logging.getLogger(__name__)
 _VERSION = 4
 #: Relative standard error of the uncertainty to reach at the median point.
 TOLERANCE = 0.1
-_SEED = 1
+#: Of the signs in the designs.
+SEED = 1
 #: Decimals of angles and wavelengths by which geometries are told apart.
 _DECIMALS = 6
 
@@ -210,14 +211,14 @@ def inputs_digest(state: StateVector, tolerance: float) -> str:
     blocks = [
         (block.labels, block.source, block.unit, block.nominal, block.standard_uncertainty) for block in state.blocks
     ]
-    parts = [_VERSION, tolerance, _SEED, state.facility, state.nominal_inputs, state.nominal_material]
+    parts = [_VERSION, tolerance, SEED, state.facility, state.nominal_inputs, state.nominal_material]
     return content_digest(*parts, state.coupon, blocks, state.notes)
 
 
 def _compute(state: StateVector, rows: FloatArray, tolerance: float, where: dict[str, Any]) -> InputUncertainty:
     columns = {name: rows[:, k].copy() for k, name in enumerate(GEOMETRY)}
-    renderer = PlanRenderer(state, columns, seed=_SEED)
-    result = by_sensitivities(renderer, tolerance=tolerance, seed=_SEED, **where)
+    renderer = PlanRenderer(state, columns, seed=SEED)
+    result = by_sensitivities(renderer, tolerance=tolerance, seed=SEED, **where)
     return InputUncertainty(rows, result, len(state), state.notes)
 
 

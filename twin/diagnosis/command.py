@@ -57,6 +57,10 @@ def diagnose_command(
     same_mounting: Annotated[
         bool, typer.Option("--same-mounting", help="Several runs: the sample stayed on its mount between them.")
     ] = False,
+    coupon: Annotated[
+        list[Path] | None,
+        typer.Option(help="Run of the flat coupon in place of the sample; counts with the others.", show_default=False),
+    ] = None,
     white: Annotated[
         list[Path] | None,
         typer.Option(
@@ -85,7 +89,8 @@ def diagnose_command(
         _check_alone(outputs, inputs, columns)
         _symmetries_alone(runs, columns, symmetry, wavelength, json)
         return
-    diagnosis = _diagnose(runs, inputs, cache, same_mounting, white or [], other_scans=plans is not None)
+    beside = {"coupon": coupon or [], "white": white or []}
+    diagnosis = _diagnose(runs, inputs, cache, same_mounting, beside, other_scans=plans is not None)
     found = _parity(runs, symmetry, wavelength)
     _tell(diagnosis, found)
     _write(diagnosis, found, json, prediction)
@@ -177,7 +182,13 @@ def _inputs(run: Path, named: dict[str, Path | None]) -> Inputs | None:
 
 
 def _diagnose(
-    runs: list[Path], inputs: Inputs, cache: Path | None, same_mounting: bool, white: list[Path], *, other_scans: bool
+    runs: list[Path],
+    inputs: Inputs,
+    cache: Path | None,
+    same_mounting: bool,
+    beside: dict[str, list[Path]],
+    *,
+    other_scans: bool,
 ) -> Diagnosis:
     from dataclasses import replace
 
@@ -192,7 +203,7 @@ def _diagnose(
     from twin.diagnosis.preparation import Bench
 
     observations = [read_observation(run, LEAST_FOLLOWING if k else LEAST_POINTS) for k, run in enumerate(runs)]
-    plates = [read_observation(run, LEAST_FOLLOWING) for run in white]
+    others = {what: [read_observation(run, LEAST_FOLLOWING) for run in files] for what, files in beside.items()}
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
@@ -201,10 +212,10 @@ def _diagnose(
         def told(what: str, share: float) -> None:
             bar.update(task, description=what, completed=0.6 * share)
 
-        if len(observations) == 1 and not plates:
+        if len(observations) == 1 and not any(others.values()):
             prepared = bench.prepare(observations[0], told)
         else:
-            prepared = prepare_jointly(bench, observations, white=plates, same_mounting=same_mounting, told=told)
+            prepared = prepare_jointly(bench, observations, **others, same_mounting=same_mounting, told=told)
         found = diagnose(prepared, lambda what, share: bar.update(task, description=what, completed=0.6 + 0.4 * share))
         if other_scans:
             bar.update(task, description="what other scans would say")

@@ -19,7 +19,7 @@ from twin.diagnosis.next_explanations import Explanation, entropy, explanations,
 from twin.diagnosis.next_information import Outlook, Worth
 from twin.diagnosis.next_plan import duration_of, plan_text
 from twin.diagnosis.next_scans import Scan, other_geometries, scans
-from twin.diagnosis.next_stage import Stage, white_stage, wider
+from twin.diagnosis.next_stage import Stage, coupon_stage, white_stage, wider
 from twin.diagnosis.nuisance import ROWS, STATED
 from twin.diagnosis.verdict import TOLD_APART
 
@@ -84,7 +84,7 @@ def proposals(diagnosis: Diagnosis, facility: Facility, most: int = 3) -> list[P
 
 
 def further(diagnosis: Diagnosis, bench: Bench, most: int = 6) -> list[Proposal]:
-    """The same with geometries that the run lacks, and the white reference.
+    """The same with geometries that the run lacks, the white reference, and the flat coupon of a sample with holes.
 
     At new geometries the effects of the leading explanations and of the budget are rendered, once for a configuration.
     """
@@ -93,10 +93,12 @@ def further(diagnosis: Diagnosis, bench: Bench, most: int = 6) -> list[Proposal]
     if entropy(leading) < _LEAST:
         return []
     named = {name for one in leading for name in one.names} | {name for row in ROWS.values() for name in row}
-    every = [part.effect for part in diagnosis.prepared.responses.found.values()]
-    effects = [effect for effect in every if effect.name in named | set(STATED)]
+    shown = [part for name, part in diagnosis.prepared.responses.found.items() if name in named | set(STATED)]
+    effects = [part.effect for part in shown]
     other = other_geometries(problem.run, bench.facility.arms)
     stages = [wider(bench, problem.run, other, effects), white_stage(bench, problem.run, effects)]
+    if len(bench.artifact.holes):
+        stages.append(coupon_stage(bench, problem.run, shown))
     return ranked(outlook_of(diagnosis, stages), bench.facility, most)
 
 

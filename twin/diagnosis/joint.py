@@ -16,6 +16,7 @@ from scipy.linalg import block_diag
 
 from instrument.angles import FloatArray
 from instrument.errors import InputError
+from twin.diagnosis.coupon_run import prepare_coupon, shared_errors
 from twin.diagnosis.covariance import Structure, smooth_gap, structures
 from twin.diagnosis.effects import Effect
 from twin.diagnosis.fit import Component
@@ -121,6 +122,7 @@ def prepare_jointly(
     bench: Bench,
     runs: Sequence[Observation],
     *,
+    coupon: Sequence[Observation] = (),
     white: Sequence[Observation] = (),
     same_mounting: bool = False,
     told: Told | None = None,
@@ -129,25 +131,52 @@ def prepare_jointly(
 
     Parameters
     ----------
-    white
-        Scans of the white reference in place of the sample.
+    coupon, white
+        Runs of the flat coupon, and of the white reference, in place of the sample.
     """
     tell = told or (lambda what, share: None)
-    parts = []
-    for number, run in enumerate(runs):
+    samples: list[Prepared] = []
+    flat = bench.flat() if coupon else None
+    number = len(runs) + len(coupon)
 
-        def step(what: str, share: float, number: int = number) -> None:
-            tell(f"run {number + 1} of {len(runs)}: {what}", (number + share) / len(runs))
+    def steps(before: int) -> Told:
+        return lambda what, share: tell(f"run {before + 1} of {number}: {what}", (before + share) / number)
 
-        parts.append(bench.prepare(run, step))
-    together = joined([part.problem.run for part in parts]) if len(parts) > 1 else parts[0].problem.run
-    factor, rest = low_rank(bench.input_covariance(together))
-    shared = np.concatenate([factor, model_error(together)], axis=1)
+    for run in runs:
+        samples.append(bench.prepare(run, steps(len(samples))))
+    known = samples[0].responses.found.values()
+    parts = list(samples)
+    if flat is not None:
+        for run in coupon:
+            steps(len(parts))("what every effect does to the coupon", 0.0)
+            parts.append(prepare_coupon(flat, run, known))
+    sample = _all([part.problem.run for part in samples])
+    shared, rest = _errors_of_the_twin(bench, sample, _all([part.problem.run for part in parts[len(runs) :]]))
     # Errors of the coupon and of the reflection model are none of the white reference's.
     more = sum(len(run) for run in white)
     shared, rest = np.pad(shared, ((0, more), (0, 0))), np.pad(rest, (0, more))
-    parts += [prepare_white(bench, run, [r.effect for r in parts[0].responses.found.values()]) for run in white]
+    parts += [prepare_white(bench, run, [response.effect for response in known]) for run in white]
     return replace(join(parts, shared, rest, same_mounting=same_mounting), inputs=bench.inputs)
+
+
+def _all(runs: Sequence[Observation]) -> Observation | None:
+    """All points of several runs; None of no run."""
+    if len(runs) < 2:
+        return runs[0] if runs else None
+    return joined(runs)
+
+
+def _errors_of_the_twin(
+    bench: Bench, sample: Observation | None, coupon: Observation | None
+) -> tuple[FloatArray, FloatArray]:
+    """What errors of dimensions, material and reflection model do to all predictions: shared columns, and the rest."""
+    if sample is None:
+        raise InputError("found no run of the sample; expected at least one")
+    if coupon is None:
+        factor, rest = low_rank(bench.input_covariance(sample))
+        return np.concatenate([factor, model_error(sample)], axis=1), rest
+    both = joined([sample, coupon])
+    return np.concatenate([shared_errors(bench, sample, coupon), model_error(both)], axis=1), np.zeros(len(both))
 
 
 def join(

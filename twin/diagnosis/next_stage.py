@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from instrument.angles import FloatArray, direction
 from twin.diagnosis.acquisition import Acquisition, acquisition_of, travel_direction
+from twin.diagnosis.coupon_run import prepare_coupon, table_errors
 from twin.diagnosis.covariance import INDEPENDENT
 from twin.diagnosis.effects import Effect
 from twin.diagnosis.joint import OF_A_MOUNTING, OF_A_RUN
 from twin.diagnosis.observation import Observation
-from twin.diagnosis.response import AnyResponse
+from twin.diagnosis.plausible import flat_reflectance
+from twin.diagnosis.preparation import model_error
+from twin.diagnosis.response import AnyResponse, Response
 from twin.diagnosis.white_reference import prepare_white
 from twin.optics import COORDINATES
 
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 IntArray = NDArray[np.int64]
 #: What may lie on the stage in place of the sample.
-WHITE = "white reference"
+WHITE, COUPON = "white reference", "flat coupon"
 #: Slack of the rule for points in the shadow of the detector head, degree.
 _SLACK = 1e-6
 
@@ -115,17 +118,46 @@ def wider(
 
 def white_stage(bench: Bench, run: Observation, effects: Sequence[Effect]) -> Stage:
     """The white reference at the run's sensor directions, one illumination zenith; nothing is rendered."""
-    light = run.columns["illumination_zenith"]
-    values, counts = np.unique(np.round(light, 6), return_counts=True)
-    chosen = np.flatnonzero(np.abs(light - values[np.argmax(counts)]) < 1e-6)
-    some = run.take(chosen)
+    some = run.take(_one_illumination(run))
     factor = bench.facility.reference.reflectance_factor
-    components = {name: u / some.brf * factor for name, u in some.components.items()}
-    brf = np.full(len(some), factor)
-    reading = replace(some, brf=brf, u_brf=some.u_brf / some.brf * factor, components=components, signal_v=None)
+    reading = _reads(some, np.full(len(some), factor))
     prepared = prepare_white(bench, reading, effects)
     found = Stage.of(prepared, bench.facility, 0)
     return replace(found, unlabelled=np.zeros((len(some), 0)), sample=WHITE)
+
+
+def coupon_stage(bench: Bench, run: Observation, shown: Iterable[Response]) -> Stage:
+    """The flat coupon at the run's sensor directions, one illumination zenith.
+
+    Errors of the coupon run that the material was made from count as new ones, which only lessens what is expected.
+
+    Parameters
+    ----------
+    shown
+        Effects in question, as the run of the sample shows them.
+    """
+    some = run.take(_one_illumination(run))
+    reading = _reads(some, flat_reflectance(bench.material, some))
+    prepared = prepare_coupon(bench.flat(), reading, shown)
+    errors = [change for _, change in table_errors(bench, reading)]
+    columns = [*errors, *model_error(reading).T]
+    own = {f"scale and form of the table {number}": column for number, column in enumerate(columns)}
+    found = Stage.of(prepared, bench.facility, 0)
+    return replace(found, labelled=found.labelled | own, unlabelled=np.zeros((len(some), 0)), sample=COUPON)
+
+
+def _one_illumination(run: Observation) -> IntArray:
+    """Points of the illumination zenith with most of them."""
+    light = run.columns["illumination_zenith"]
+    values, counts = np.unique(np.round(light, 6), return_counts=True)
+    return np.flatnonzero(np.abs(light - values[np.argmax(counts)]) < 1e-6)
+
+
+def _reads(run: Observation, brf: FloatArray) -> Observation:
+    """Another sample at the points of a run, as uncertain relative to its readings."""
+    ratio = brf / run.brf
+    components = {name: u * ratio for name, u in run.components.items()}
+    return replace(run, brf=brf, u_brf=run.u_brf * ratio, components=components, signal_v=None)
 
 
 def extended(run: Observation, columns: dict[str, FloatArray], bench: Bench) -> Observation:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from instrument.angles import FloatArray, direction
-from instrument.artifact import read_artifact
+from instrument.artifact import ArtifactDimensions, read_artifact, without_holes
 from instrument.errors import InputError
 from instrument.facility import Facility, read_facility
 from twin.diagnosis.acquisition import acquisition_of
@@ -31,6 +31,7 @@ from twin.diagnosis.workbench import Workbench
 from twin.input_uncertainty import find_input_uncertainty
 from twin.material import read_material
 from twin.prediction import Twin
+from twin.propagation_result import Propagation
 from twin.state_vector import StateVector, coupon_of, state_vector
 
 #: Relative Monte Carlo error of the nominal prediction.
@@ -48,6 +49,8 @@ _TOLERANCE = 0.2
 _PREDICTED = ("brf", "u_brf_monte_carlo")
 #: Sources of errors of the sample that no effect's response stands for.
 _UNPLACED = ("hole dimensions", "edge chamfer", "block tilt")
+#: How sources and blocks are named that are errors of the coupon.
+COATING = "material"
 Told = Callable[[str, float], None]
 
 
@@ -88,6 +91,8 @@ class Bench:
         Files of the nominal twin.
     cache
         Folder in which renderings are kept.
+    artifact
+        In place of that of the file.
 
     Raises
     ------
@@ -95,10 +100,10 @@ class Bench:
         For a file that is wrong, or a sample of several materials.
     """
 
-    def __init__(self, inputs: Inputs, cache: Path) -> None:
+    def __init__(self, inputs: Inputs, cache: Path, artifact: ArtifactDimensions | None = None) -> None:
         self.inputs, self.cache = inputs, cache
         self.facility = read_facility(inputs.facility)
-        self.artifact = read_artifact(inputs.artifact)
+        self.artifact = artifact or read_artifact(inputs.artifact)
         self.material = read_material(inputs.material)
         if self.material.materials > 1:
             raise InputError(
@@ -108,6 +113,10 @@ class Bench:
         self.workbench = Workbench(self.facility, self.artifact, self.material)
         self.store = RenderStore(self.workbench, cache)
         self._predictions = PointStore(cache / "nominal", _PREDICTED)
+
+    def flat(self) -> Bench:
+        """The same for a flat sample of the same material: its coupon."""
+        return Bench(self.inputs, self.cache, without_holes(self.artifact))
 
     def prepare(
         self, run: Observation, told: Told | None = None, *, effects: Iterable[Effect] | None = None
@@ -157,23 +166,33 @@ class Bench:
 
     def input_covariance(self, run: Observation, told: Told | None = None) -> FloatArray:
         """Relative covariance of the prediction from the errors of coupon and holes, shape (point, point)."""
-        state = unplaced(state_vector(self.facility, self.artifact, self.material, coupon_of(self.inputs.material)))
-        if not state.blocks:
+        found = self.input_errors(run, told)
+        if found is None:
             return np.zeros((len(run), len(run)))
+        return np.asarray(found.covariance() / np.outer(found.brf, found.brf))
+
+    def input_errors(self, run: Observation, told: Told | None = None) -> Propagation | None:
+        """What the errors of coupon and holes do to the prediction; None where none are stated."""
+        state = self.state()
+        if not state.blocks:
+            return None
         tell = told or (lambda what, share: None)
 
         def step(what: str, done: int, total: int) -> None:
             tell(f"what the inputs' uncertainties do: {what}", done / max(total, 1))
 
-        found = find_input_uncertainty(
+        return find_input_uncertainty(
             state, _dataset(run.columns), folder=self.cache, tolerance=_TOLERANCE, progress=step
         ).result
-        return np.asarray(found.covariance() / np.outer(found.brf, found.brf))
+
+    def state(self) -> StateVector:
+        """The uncertain inputs that have no response of their own: coupon and single holes."""
+        return unplaced(state_vector(self.facility, self.artifact, self.material, coupon_of(self.inputs.material)))
 
 
 def unplaced(state: StateVector) -> StateVector:
     """The state vector without what has a response of its own: placement, instrument, and dimensions of all holes."""
-    kept = (block for block in state.blocks if block.source in _UNPLACED or block.name.startswith("material"))
+    kept = (block for block in state.blocks if block.source in _UNPLACED or block.name.startswith(COATING))
     return replace(state, blocks=tuple(kept))
 
 

@@ -279,6 +279,13 @@ class TopResponse(Common):
 AnyResponse = TabulatedResponse | ZenithResponse | AzimuthResponse | ComputedResponse | TopResponse
 
 
+def no_response(effect: Effect, parameters: tuple[Parameter, ...], points: int) -> TabulatedResponse:
+    """Of readings that an effect leaves as they are."""
+    axes = tuple(np.array(parameter.cap) for parameter in parameters)
+    table = np.zeros((*(len(axis) for axis in axes), points))
+    return TabulatedResponse(effect, parameters, axes, table, np.zeros_like(table))
+
+
 def cardinal_spline(nodes: FloatArray) -> BSpline:
     """Splines through 1 at one node and 0 at the others, one a node; cubic where there are nodes enough.
 

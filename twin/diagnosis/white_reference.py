@@ -16,6 +16,7 @@ from instrument.errors import InputError
 from instrument.facility import Facility
 from instrument.plane_flux import plane_flux
 from twin.diagnosis.acquisition import Acquisition, acquisition_of
+from twin.diagnosis.coupon_run import OF_THE_SAMPLE
 from twin.diagnosis.effects import AzimuthEffect, Effect, Known, ReadingEffect, SceneEffect, ZenithEffect, library
 from twin.diagnosis.nuisance import budget_columns
 from twin.diagnosis.observation import Observation
@@ -28,6 +29,7 @@ from twin.diagnosis.response import (
     ComputedResponse,
     TabulatedResponse,
     ZenithResponse,
+    no_response,
 )
 from twin.diagnosis.responses import Responses
 from twin.diagnosis.variation import Variation
@@ -38,8 +40,6 @@ if TYPE_CHECKING:
 
     from twin.diagnosis.preparation import Bench, Prepared
 
-#: Effects on the reading that come from the sample's coating, not from the instrument.
-_OF_THE_SAMPLE = ("anisotropy",)
 #: Median reading over the reference's reflectance factor beyond which this is another sample.
 _FARTHEST = 0.3
 
@@ -110,7 +110,7 @@ def white_responses(
 
 def _response(effect: Effect, known: Known, run: Acquisition, nominal: FloatArray, flux: _Flux) -> AnyResponse:
     parameters = effect.resolve(known, run)
-    if isinstance(effect, ReadingEffect) and effect.name not in _OF_THE_SAMPLE:
+    if isinstance(effect, ReadingEffect) and effect.name not in OF_THE_SAMPLE:
         return ComputedResponse(effect, parameters, run, nominal)
     if isinstance(effect, ZenithEffect):
         table = np.stack([flux.log_ratio(Setup(sensor_zenith_deg=float(node))) for node in ZENITH_NODES])
@@ -122,13 +122,11 @@ def _response(effect: Effect, known: Known, run: Acquisition, nominal: FloatArra
     if isinstance(effect, AzimuthEffect):
         table = np.stack([flux.log_ratio(Setup(sensor_azimuth_deg=float(node))) for node in AZIMUTH_NODES])
         return AzimuthResponse(effect, parameters, run, table, np.zeros_like(table))
-    if isinstance(effect, SceneEffect):
-        axes = effect.axes(parameters)
-        variations = [effect.variation(np.array(row)) for row in product(*axes)]
-        table = np.stack([flux.of(variation) for variation in variations])
-    else:
-        axes = tuple(np.array(parameter.cap) for parameter in parameters)
-        table = np.zeros((2 ** len(axes), len(run)))
+    if not isinstance(effect, SceneEffect):
+        return no_response(effect, parameters, len(run))
+    axes = effect.axes(parameters)
+    variations = [effect.variation(np.array(row)) for row in product(*axes)]
+    table = np.stack([flux.of(variation) for variation in variations])
     table = table.reshape(*(len(axis) for axis in axes), -1)
     return TabulatedResponse(effect, parameters, axes, table, np.zeros_like(table))
 
