@@ -39,6 +39,41 @@ def look():
 QTimer.singleShot(1500, look)
 application.exec()
 """
+RENDERED = """
+import sys, time
+from datetime import UTC, datetime
+from gui.application import start_application
+from gui.comparison import score
+from gui.model import ScanModel
+from gui.panels.arms import ArmsPanel
+from gui.theme import LIGHT
+from instrument.events import AxesRead, Geometry, ScanStarted
+application = start_application()
+panel = ArmsPanel(ScanModel(score), LIGHT)
+panel.resize(500, 440)
+panel.show()
+now = datetime.now(UTC)
+at = Geometry(wavelength=500.0, illumination_zenith=30.0, sensor_zenith=45.0, sensor_azimuth=60.0)
+def say(event):
+    panel.model.apply(event)
+    panel.refresh(panel.model.take_changes())
+def picture(old=None):
+    end = time.monotonic() + 120
+    while (panel.solid.picture is old or panel.solid._clock.isActive()) and time.monotonic() < end:
+        application.processEvents()
+        time.sleep(0.01)
+    return panel.solid.picture
+say(ScanStarted(time=now, run_dir="", title="t", points=(at,), duration_s=9.0))
+first = picture()
+print(panel.stack.currentWidget() is panel.solid, panel.text.text())
+def colours(image):
+    return {image.pixelColor(x, y).name() for x in range(0, image.width(), 4) for y in range(0, image.height(), 4)}
+print(len(colours(first)), first.pixelColor(2, 2).name(), LIGHT.surface)
+say(AxesRead(time=now, positions={"illumination_zenith": -60.0, "sensor_zenith": 20.0, "sensor_azimuth": 0.0}))
+second = picture(first)
+print(sum(first.pixel(x, y) != second.pixel(x, y) for x in range(0, 400, 4) for y in range(0, 300, 4)))
+panel.solid._renderer.close()
+"""
 
 
 @pytest.fixture
@@ -72,3 +107,14 @@ def test_the_window_stands_on_the_screen_and_is_steered_there(display: str) -> N
     done = on(display, "-m", "pytest", "-n0", "-q", "-m", "slow or not slow", "-p", "no:cacheprovider", *CHOSEN)
     assert done.returncode == 0, done.stdout[-4000:]
     assert re.search(rf"\b{len(CHOSEN)} passed", done.stdout)
+
+
+def test_the_instrument_is_rendered_and_moves_as_the_drives_say(display: str) -> None:
+    rendered = on(display, "-c", RENDERED)
+    assert rendered.returncode == 0, rendered.stderr
+    stands, colours, changed = rendered.stdout.splitlines()
+    assert stands.startswith("True Where the axes are sent")
+    many, corner, ground = colours.split()
+    assert int(many) > 30  # shades of arms, sample and ground plate
+    assert corner == ground
+    assert int(changed) > 100  # arms and beams in other places
