@@ -61,9 +61,9 @@ class Overview(RunSummary):
 
 @dataclass(frozen=True)
 class Verification:
-    """All checks of a run folder."""
+    """All checks of a run folder; ``folder`` may be a URL."""
 
-    folder: Path
+    folder: Path | str
     checks: tuple[Check, ...] = field(default_factory=tuple)
 
     @property

@@ -58,6 +58,20 @@ def verification_table(result: Verification) -> Table:
     return table
 
 
+def verifications_table(results: Sequence[Verification]) -> Table:
+    """One row a run: whether it passed, and the first thing that is the matter with it."""
+    good = sum(result.passed for result in results)
+    table = Table("run", "", "found", title=f"{good} of {len(results)} runs are as they were measured")
+    for result in results:
+        bad = next((f"{check.name}: {check.found}" for check in result.checks if not check.passed), "")
+        table.add_row(
+            escape(str(result.folder)),
+            "[red]bad[/red]" if bad else "[green]good[/green]",
+            escape(bad) or f"{len(result.checks)} checks",
+        )
+    return table
+
+
 def run_summary(path: Path) -> dict[str, Any]:
     """What ``goniotwin runs show --json`` writes.
 

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from instrument.options import Dask, Workers
+
 Json = Annotated[Path | None, typer.Option("--json", help="Write the same for programs.")]
 
 
@@ -78,24 +80,33 @@ def show(
 
 
 def verify(
-    folder: Annotated[str, typer.Argument(help="A run folder; or its URL.", show_default=False)],
+    folders: Annotated[
+        list[str],
+        typer.Argument(metavar="FOLDER...", help="Run folders, folders of them, or their URLs.", show_default=False),
+    ],
+    workers: Workers = 1,
+    dask: Dask = None,
     json_file: Json = None,
 ) -> None:
-    """Check a run folder against its journal; exit status 1 when anything is not as it was measured."""
+    """Check run folders against their journals; exit status 1 when anything is not as it was measured.
+
+    Named alone, a run folder's checks are listed one by one; of several runs, each has a row.
+    """
     from rich.console import Console
 
     from instrument.errors import EXIT_INCOMPLETE
-    from instrument.exchange.stores import brought
+    from instrument.exchange.many import run_folders, verify_all
     from instrument.output import check_json, write_json
-    from instrument.run_archive import verify as verify_folder
-    from instrument.run_report import verification_table
+    from instrument.run_report import verification_table, verifications_table
 
     check_json(json_file)
-    result = verify_folder(brought(folder))
-    Console(highlight=False).print(verification_table(result))
+    runs = run_folders(folders)
+    results = verify_all(runs, workers=workers, address=dask)
+    alone = len(folders) == 1 and runs == folders
+    Console(highlight=False).print(verification_table(results[0]) if alone else verifications_table(results))
     if json_file is not None:
-        write_json(json_file, result.as_dict())
-    if not result.passed:
+        write_json(json_file, results[0].as_dict() if alone else [result.as_dict() for result in results])
+    if not all(result.passed for result in results):
         raise typer.Exit(EXIT_INCOMPLETE)
 
 

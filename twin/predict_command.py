@@ -123,10 +123,10 @@ def _propagate(
 
     from rich.console import Console
 
+    from instrument.cluster import connected
     from instrument.dataset import write_prediction
     from instrument.errors import InputError
     from twin.budget_table import budget_table
-    from twin.cluster import connected
     from twin.propagation_dataset import propagate
     from twin.state_vector import state_vector_from_files
 

@@ -88,7 +88,7 @@ class Catalogue:
             name: (kept, outcome)
             for name, kept, outcome in database.execute("SELECT name, signature, outcome FROM runs")
         }
-        folders = {path.parent.relative_to(self.folder).as_posix(): path.parent for path in self._journals()}
+        folders = {path.parent.relative_to(self.folder).as_posix(): path.parent for path in journals(self.folder)}
         database.executemany("DELETE FROM runs WHERE name = ?", [(name,) for name in known if name not in folders])
         marks = ", ".join("?" * (len(COLUMNS) + 1))
         for name, folder in folders.items():
@@ -98,8 +98,10 @@ class Catalogue:
                 row = (*astuple(read_entry(folder, name)), now)
                 database.execute(f"INSERT OR REPLACE INTO runs VALUES ({marks})", row)
 
-    def _journals(self) -> list[Path]:
-        return sorted(path for pattern in _PATTERNS for path in self.folder.glob(pattern))
+
+def journals(folder: Path) -> list[Path]:
+    """Journals of the run folders in a data folder, or one deeper."""
+    return sorted(path for pattern in _PATTERNS for path in folder.glob(pattern))
 
 
 def _open(file: Path | None) -> sqlite3.Connection:

@@ -72,6 +72,23 @@ def brought_overviews(source: str | Path) -> Path:
         return home
 
 
+def runs_of(url: str) -> list[str]:
+    """URLs of the runs that one names: itself, or the run folders in it; itself where there is none.
+
+    Raises
+    ------
+    InputError
+        If the store has no such thing.
+    """
+    with _opened(url) as (store, root):
+        if not store.exists(root):
+            raise InputError(f"{url}: no such run in the store")
+        if not store.isdir(root) or store.exists(f"{root}/{JOURNAL_NAME}"):
+            return [url]
+        names = [_name(path) for path in sorted(store.ls(root, detail=False)) if store.exists(f"{path}/{JOURNAL_NAME}")]
+        return [f"{url.rstrip('/')}/{name}" for name in names] or [url]
+
+
 def push(run_dir: Path, url: str, *, force: bool = False) -> int:
     """Put the files of a run folder on a store; the journal last, so that half a copy is no run yet.
 

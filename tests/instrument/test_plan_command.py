@@ -109,7 +109,7 @@ def test_missing_files_are_status_2(tmp_path: Path) -> None:
         assert run(*arguments, expected=2).output.startswith("goniotwin: ")
     (tmp_path / "plan.toml").write_text(PLAN)
     result = run("plan", tmp_path / "plan.toml", "--json", tmp_path / "no" / "p.json", expected=2)
-    assert "cannot be written" in result.output
+    assert "there is no folder" in result.output
 
 
 def test_a_whole_run_verifies(whole: Path, tmp_path: Path) -> None:

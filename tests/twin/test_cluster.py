@@ -15,7 +15,9 @@ from typing import Any
 import pytest
 
 from instrument.errors import InputError
+from instrument.exchange.many import verify_all
 from twin.cluster import spread
+from twin.run_pairs import compare_all
 
 
 def scaled(factor: int, item: int) -> tuple[int, int]:
@@ -155,6 +157,16 @@ def test_a_scheduler_that_does_not_answer_or_has_no_workers_is_named(fake_dask: 
     fake_dask.workers = {}
     with pytest.raises(InputError, match="found no workers"):
         spread(abs, [1], address="tcp://host:8786")
+
+
+def test_many_runs_are_read_on_the_cluster(fake_dask: type[FakeClient], tmp_path: Path) -> None:
+    names = [str(tmp_path / name) for name in ("a.nc", "b.nc")]
+    verified = verify_all(names, address="tcp://host:8786")
+    compared = compare_all("first.nc", names, address="tcp://host:8786")
+    assert [result.folder for result in verified] == [one.run for one in compared] == names
+    assert not any(result.passed for result in verified)
+    assert all("first.nc: no such file" in one.problem for one in compared)
+    assert [client.cancelled for client in fake_dask.made] == [2, 2]
 
 
 @pytest.mark.slow

@@ -137,7 +137,7 @@ def test_the_command_says_it_and_writes_every_point(tmp_path: Path, capsys: pyte
     files = [tmp_path / "a.nc", tmp_path / "b.nc"]
     write_run(run(), files[0])
     write_run(run(1.02), files[1])
-    compare_pair(*map(str, files), json_file=tmp_path / "pair.json")
+    compare_pair(str(files[0]), [str(files[1])], json_file=tmp_path / "pair.json")
     said = capsys.readouterr().out
     assert "B/A = 1.0200" in said
     assert "the same error in both: reference" in said
