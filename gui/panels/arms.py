@@ -24,7 +24,7 @@ VARIABLE = "GONIOTWIN_3D"
 _WITHOUT_SCREEN = ("offscreen", "minimal", "minimalegl", "vnc", "linuxfb")
 _REST = Stance(0.0, 0.0, 45.0)  # of a plan of which nothing has moved yet
 _VIEWS = (
-    ("Side", "Home", "The whole instrument, from the side"),
+    ("Side", "S", "The whole instrument, from the side"),
     ("Lamp", "L", "From the lamp, wherever its arm goes"),
     ("Detector", "D", "From the detector, wherever its arm goes"),
     ("Above", "A", "From above: azimuth 0 to the right, 90 upwards"),

@@ -143,7 +143,7 @@ def test_the_view_follows_the_drives_and_says_so(panel: ArmsPanel) -> None:
 
 def test_presets_have_keys_and_buttons(panel: ArmsPanel, qtbot: QtBot) -> None:
     panel.lines.setFocus()
-    for key, view in ((Qt.Key.Key_L, "lamp"), (Qt.Key.Key_D, "detector"), (Qt.Key.Key_Home, "free")):
+    for key, view in ((Qt.Key.Key_L, "lamp"), (Qt.Key.Key_D, "detector"), (Qt.Key.Key_S, "free")):
         qtbot.keyClick(panel.lines, key)
         assert panel.solid.camera.view == view
     panel.buttons["Above"].click()
