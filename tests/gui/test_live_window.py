@@ -84,8 +84,39 @@ def open_window(qtbot: QtBot, tmp_path: Path, laboratory: SimulatedLaboratory) -
         assert controller.join(60.0)
 
 
-def test_a_scan_is_started_paused_resumed_and_finished(
-    open_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path
+#: Stands where the diagnosis would, which has tests of its own: reads what it is given, and finds nothing.
+FINDS_NOTHING = """
+import json, sys
+from pathlib import Path
+import h5py
+given = dict(zip(sys.argv[3::2], sys.argv[4::2], strict=True))
+assert sys.argv[1] == "diagnose" and Path(given["--facility"]).is_file()
+with h5py.File(sys.argv[2]) as run:
+    found = {"verdict": "none", "measured": run["brf"][:].tolist(), "file": sys.argv[2]}
+Path(given["--json"]).write_text(json.dumps(found))
+"""
+
+
+def diagnosed_so_far(window: MainWindow, qtbot: QtBot, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scan that runs is diagnosed as far as it is measured."""
+    (folder / "finds_nothing.py").write_text(FINDS_NOTHING)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]))
+    window.show_page("understand")
+    page: Any = window.page("understand")
+    assert page.folder == folder / "run"  # offered without being asked for
+    run = page._child.run
+    monkeypatch.setattr(page._child, "run", lambda module, arguments: run("finds_nothing", arguments))
+    page.begin.click()
+    qtbot.waitUntil(lambda: page.state.text().startswith(("Done in", "⚠")), timeout=LONG)
+    assert page.state.text().startswith("Done in"), page.state.text()
+    assert page.verdict.text() == "No gap beyond the uncertainties"
+    measured = [point.brf for point in window.model.points if point.brf is not None]
+    assert page.found["measured"] == pytest.approx(measured, rel=0.1)  # the closing reference is not yet there
+    assert not Path(page.found["file"]).parent.exists()  # the copy is gone
+
+
+def test_a_scan_is_started_paused_diagnosed_resumed_and_finished(
+    open_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window = open_window()
     model = window.model
@@ -95,7 +126,8 @@ def test_a_scan_is_started_paused_resumed_and_finished(
     qtbot.waitUntil(lambda: model.state is State.PAUSED, timeout=LONG)
     resting_at = model.measured
     assert not window.panel("ControlsPanel").buttons["pause"].isEnabled()  # type: ignore[attr-defined]
-    qtbot.wait(1500)  # five minutes of the laboratory
+    diagnosed_so_far(window, qtbot, tmp_path, monkeypatch)
+    qtbot.wait(500)  # two minutes of the laboratory
     assert model.measured == resting_at < model.total
     qtbot.keyClick(window, F7)
     qtbot.waitUntil(lambda: model.state is State.FINISHED and not model.connected, timeout=LONG)
@@ -108,21 +140,6 @@ def test_a_scan_is_started_paused_resumed_and_finished(
     assert [point.brf for point in model.points] == pytest.approx(recorded["brf"].values.tolist())
     assert [point.u_brf for point in model.points] == pytest.approx(recorded["u_brf"].values.tolist())
     assert window.panel("ControlsPanel").buttons["start"].isEnabled()  # type: ignore[attr-defined]
-
-
-def test_a_scan_is_aborted_and_what_was_measured_is_kept(
-    open_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path
-) -> None:
-    window = open_window()
-    model = window.model
-    qtbot.keyClick(window, F5)
-    qtbot.waitUntil(lambda: model.measured >= 1, timeout=LONG)
-    qtbot.keyClick(window, F8)
-    box = next(box for box in window.findChildren(QMessageBox) if box.isVisible())
-    qtbot.mouseClick(next(b for b in box.buttons() if b.text() == "Abort the scan"), Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: model.state is State.ABORTED and not model.connected, timeout=LONG)
-    assert 1 <= model.measured < model.total
-    assert len(read_journal(tmp_path / "run").points) == model.measured
 
 
 def test_halt_stops_the_scan(open_window: Callable[..., MainWindow], qtbot: QtBot) -> None:
@@ -177,10 +194,10 @@ def test_every_reading_is_shown_beside_its_prediction(open_window: Callable[...,
     assert max(map(abs, scores)) < 5  # the simulated laboratory has no imperfection beyond its budget
 
 
-def test_a_fault_is_shown_and_the_run_is_recovered_from_the_start_page(
+def test_a_fault_is_shown_the_scan_aborted_and_gone_on_with_from_the_start_page(
     open_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path, laboratory: SimulatedLaboratory
 ) -> None:
-    """The door of the laser opens and is closed again; then the scan is ended and gone on with."""
+    """The door of the laser opens and is closed again; then the scan is aborted and gone on with."""
 
     def make_session(request: ScanRequest, operator: WindowOperator | None) -> ScanSession:
         if (tmp_path / "run" / "journal.jsonl").exists():
@@ -201,13 +218,14 @@ def test_a_fault_is_shown_and_the_run_is_recovered_from_the_start_page(
     qtbot.keyClick(window, F7)
     before = model.measured
     qtbot.waitUntil(lambda: model.measured > before, timeout=LONG)
-    window.end_and_close()
-    qtbot.waitUntil(lambda: not model.connected, timeout=LONG)
+    qtbot.keyClick(window, F8)
+    box = next(box for box in window.findChildren(QMessageBox) if box.isVisible())
+    qtbot.mouseClick(next(b for b in box.buttons() if b.text() == "Abort the scan"), Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: model.state is State.ABORTED and not model.connected, timeout=LONG)
     done = model.measured
     assert 0 < done < 9
-    window._closing = False
+    assert len(read_journal(tmp_path / "run").points) == done
     window.setup.runs = tmp_path
-    window.show()
     window.show_page("start")
     start: Any = window.page("start")
     qtbot.waitUntil(lambda: bool(start.resume_buttons), timeout=LONG)
@@ -277,7 +295,7 @@ sys.exit(gui.run.run(gui.run.Options(plan, True, 200.0, 1, None, None, None, Non
 
 
 def test_a_scan_outlives_the_screen_and_a_new_window_joins_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot, laboratory: SimulatedLaboratory
 ) -> None:
     """Qt leaves its loop where the screen is lost, with the window open; here it is killed outright."""
     plan, out = tmp_path / "short.toml", tmp_path / "run"
@@ -312,7 +330,7 @@ def test_a_scan_outlives_the_screen_and_a_new_window_joins_it(
         assert point.geometry == geometry
         assert point.brf == pytest.approx(brf, rel=1e-9)
         assert point.u_brf == pytest.approx(u_brf, rel=1e-9)
-    headless = headless_records(tmp_path, plan)
+    headless = headless_records(tmp_path, plan, laboratory)
     assert records_of(out) == headless
 
 
@@ -323,9 +341,12 @@ def records_of(run: Path) -> list[tuple[object, ...]]:
     return [line for line in kept if line[0] in ("header", "reference", "point", "ended")]
 
 
-def headless_records(folder: Path, plan: Path) -> list[tuple[object, ...]]:
-    """The same scan from the terminal."""
-    out = folder / "headless"
-    command = [sys.executable, "-m", "instrument", "scan", str(plan), "--simulate", "--speed", "200", "--no-twin"]
-    subprocess.run([*command, "--out", str(out)], capture_output=True, timeout=200, check=True)
+def headless_records(folder: Path, plan: Path, laboratory: SimulatedLaboratory) -> list[tuple[object, ...]]:
+    """The same scan without a window."""
+    out, files = folder / "headless", laboratory.inputs
+    request = ScanRequest(plan=plan, devices=files.devices, facility=files.facility, out=out, twin=False)
+    with ScanSession(request, laboratory.operator) as session:
+        session.start()
+        session.wait()
+        session.finish()
     return records_of(out)

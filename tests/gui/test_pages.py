@@ -316,7 +316,7 @@ def test_a_diagnosis_is_read_as_where_which_how_far_and_what_next(stage: Stage, 
     assert understand.verdict.text() == "A cause is found"
     assert "grazing sensor zeniths" in understand.where.text()
     row = [understand.effects.item(0, column).text() for column in range(4)]
-    assert row == ["sensor zenith offset", "0.950", "angle −0.41 ± 0.05 °, mean slope 2 ± 1", "backlash"]
+    assert row == ["sensor zenith offset", "0.950", "angle −0.410 ± 0.050 °, mean slope 2.0 ± 1.0", "backlash"]
     assert "3.10 % before, 1.20 % after" in understand.far.text()
     assert "a slice backwards" in understand.next.text()
     understand.apply.click()

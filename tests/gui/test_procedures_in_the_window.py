@@ -108,16 +108,10 @@ def rehearsal(make_stage: Callable[..., Stage], tmp_path: Path) -> Stage:
     return make_stage(setup=Setup(simulate=True, speed=600.0, operator="Ada", calibrations=tmp_path / "results"))
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(240)
-def test_the_alignment_is_led_through_in_the_window(rehearsal: Stage, qtbot: QtBot, tmp_path: Path) -> None:
+def answered_to_the_end(rehearsal: Stage, qtbot: QtBot) -> list[str]:
+    """Answer whatever the procedure that runs asks; the keys of its questions."""
     window = rehearsal.window
-    window.show_page("instrument")
-    page: Any = window.page("instrument")
     banner: Any = window.panel("RequestPanel")
-    page.align.click()
-    qtbot.waitUntil(lambda: window.model.procedure == "Alignment", timeout=5_000)
-    assert not page.align.isEnabled()
     keys: list[str] = []
 
     def answered() -> bool:
@@ -125,9 +119,7 @@ def test_the_alignment_is_led_through_in_the_window(rehearsal: Stage, qtbot: QtB
         if isinstance(request, Prompt) and banner.isVisible():
             keys.append(request.key)
             if request.kind == "number":
-                qtbot.keyClicks(
-                    banner.field.line, {"align:level": "12.5", "align:distance": "800"}.get(request.key, "0")
-                )
+                qtbot.keyClicks(banner.field.line, NUMBERS.get(request.key, "0"))
             elif request.kind == "choice":
                 banner.field.buttons[0].click()
             qtbot.mouseClick(banner.done, Qt.MouseButton.LeftButton)
@@ -136,6 +128,19 @@ def test_the_alignment_is_led_through_in_the_window(rehearsal: Stage, qtbot: QtB
         return not window.model.procedure
 
     qtbot.waitUntil(answered, timeout=200_000)
+    return keys
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_the_alignment_is_led_through_in_the_window(rehearsal: Stage, qtbot: QtBot, tmp_path: Path) -> None:
+    window = rehearsal.window
+    window.show_page("instrument")
+    page: Any = window.page("instrument")
+    page.align.click()
+    qtbot.waitUntil(lambda: window.model.procedure == "Alignment", timeout=5_000)
+    assert not page.align.isEnabled()
+    keys = answered_to_the_end(rehearsal, qtbot)
     assert page.guided.state.text() == "✓ Done; the result is stored."
     steps = ("laser", "level", "height", "mirror", "distance", "back-x", "back-y", "centre", "tidy")
     assert [key for key in keys if key.startswith("align:")] == [f"align:{step}" for step in steps]
@@ -149,7 +154,9 @@ def test_the_alignment_is_led_through_in_the_window(rehearsal: Stage, qtbot: QtB
 
 @pytest.mark.slow
 @pytest.mark.timeout(240)
-def test_a_calibration_is_halted_from_any_page(rehearsal: Stage, qtbot: QtBot, tmp_path: Path) -> None:
+def test_a_calibration_is_halted_from_any_page_and_then_carried_out(
+    rehearsal: Stage, qtbot: QtBot, tmp_path: Path
+) -> None:
     window = rehearsal.window
     window.show_page("calibration")
     page: Any = window.page("calibration")
@@ -174,3 +181,13 @@ def test_a_calibration_is_halted_from_any_page(rehearsal: Stage, qtbot: QtBot, t
     assert read_results(tmp_path / "results") == []
     assert not halt.isEnabled()
     assert rehearsal.controller.asked == []
+    # Once more, to its end
+    window.show_page("calibration")
+    page.begin.click()
+    qtbot.waitUntil(lambda: window.model.procedure == "Dark", timeout=5_000)
+    answered_to_the_end(rehearsal, qtbot)
+    assert page.guided.state.text() == "✓ Done; the result is stored.", page.guided.words.toPlainText()
+    [result] = read_results(tmp_path / "results")
+    assert (result.procedure, result.who) == ("dark", "Ada")
+    dark = [each.command for each in page.procedures].index("dark")
+    qtbot.waitUntil(lambda: page.table.item(dark, 1).text() == result.verdict, timeout=60_000)

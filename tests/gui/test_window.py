@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-import gc
 import signal
-import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QPointF, Qt
-from PySide6.QtWidgets import QApplication, QLabel, QMessageBox
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QMessageBox
 from pytestqt.qtbot import QtBot
-from scan_script import START, changed, ending, geometries, measured, predicted, preparation, readings
-from window_stage import Stage
+from scan_script import changed, ending
+from window_stage import POINTS, Stage, running
 
-from gui.bridge import Bridge
-from gui.comparison import score
-from gui.model import Changes, ScanModel
-from gui.notices import ControllerClosed, ControllerStarting, OperatorAnswered, OperatorAsked
+from gui.notices import ControllerClosed, OperatorAnswered, OperatorAsked
 from gui.panels import discover
-from gui.points import plane_of
 from gui.run import obey_signals
-from instrument.events import Message, PointSkipped, PointStarted
 
-POINTS = geometries({0.0: (0.0, 90.0), 15.0: (50.0,)}, step=10)
 F5, F6, F7, F8, F9, F12 = (getattr(Qt.Key, f"Key_F{n}") for n in (5, 6, 7, 8, 9, 12))
 
 
@@ -40,12 +30,6 @@ def question(stage: Stage) -> QMessageBox:
 def answer(stage: Stage, qtbot: QtBot, text: str) -> None:
     button = next(button for button in question(stage).buttons() if button.text() == text)
     qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
-
-
-def running(stage: Stage, count: int = 5) -> None:
-    stage.window.do("start")
-    stage.window.show_page("watch")
-    stage.play(ControllerStarting(), *preparation(POINTS), *readings(POINTS, count))
 
 
 def buttons(stage: Stage) -> dict[str, bool]:
@@ -119,130 +103,6 @@ def test_a_question_goes_away_when_the_scan_ends_by_itself(stage: Stage, qtbot: 
     stage.play(*ending(POINTS), ControllerClosed())
     qtbot.waitUntil(lambda: not any(b.isVisible() for b in stage.window.findChildren(QMessageBox)))
     assert stage.controller.asked == ["start"]
-
-
-def test_progress_counts_points_and_says_when_it_ends(stage: Stage) -> None:
-    running(stage, 10)
-    panel: Any = stage.window.panel("ProgressPanel")
-    assert (panel.bar.value(), panel.bar.maximum()) == (10, len(POINTS))
-    assert panel.points.text().startswith(f"10 of {len(POINTS)}")
-    assert "min" in panel.left.text()
-    stage.play(*ending(POINTS), ControllerClosed())
-    assert panel.left.text() == "none"
-    assert panel.end.text() == "ended 11:00 UTC"
-
-
-def test_the_plot_grows_point_by_point(stage: Stage) -> None:
-    running(stage, 0)
-    plots = stage.window.plots
-    for count in range(1, 5):
-        stage.play(
-            PointStarted(time=START, index=count - 1, geometry=POINTS[count - 1]),
-            measured(count - 1, POINTS, 0.3, 0.01),
-            predicted(count - 1, 0.305, 0.002),
-        )
-        assert len(plots.measured.data) == count
-        assert len(plots.sim_line.getData()[0]) == count
-        assert len(plots.t_points.data) == count
-    assert plots.measured.data["x"].tolist() == [p.sensor_zenith for p in POINTS[:4]]
-    assert plots.u1.opts["height"].tolist() == pytest.approx([0.02] * 4)  # full length of a bar from -u to +u
-    assert plots.u2.opts["height"].tolist() == pytest.approx([0.04] * 4)
-    outer, inner = (band.boundingRect() for band in plots.sim_bands)
-    assert (inner.height(), outer.height()) == (pytest.approx(0.004), pytest.approx(0.008))
-
-
-def test_t_has_bands_at_one_and_two(stage: Stage) -> None:
-    assert [band.getRegion() for band in stage.window.plots.t_bands] == [(-2.0, 2.0), (-1.0, 1.0)]
-
-
-def test_categories_differ_in_shape(stage: Stage) -> None:
-    running(stage, 0)
-    stage.play(PointStarted(time=START, index=0, geometry=POINTS[0]))
-    for index, t in enumerate((0.5, 1.5, 2.5)):
-        stage.play(measured(index, POINTS, 0.3, 0.01), predicted(index, 0.3 + t * 0.01, 0.0))
-    assert list(stage.window.plots.t_points.data["symbol"]) == ["o", "t1", "x"]
-
-
-def test_the_plot_follows_the_arms_until_a_plane_is_chosen(stage: Stage) -> None:
-    running(stage, 0)
-    planes, plots = list(stage.window.model.planes), stage.window.plots
-    first_of = {plane: stage.window.model.planes[plane][0] for plane in planes}
-
-    def go(plane: Any) -> None:
-        index = first_of[plane]
-        stage.play(PointStarted(time=START, index=index, geometry=POINTS[index]))
-
-    go(planes[0])
-    assert plots.plane == planes[0]
-    go(planes[1])
-    assert plots.plane == planes[1]
-    table: Any = stage.window.panel("PlanesPanel")
-    table.view.selectRow(0)
-    assert plots.plane == planes[0]
-    assert not plots.follow.isChecked()
-    go(planes[2])
-    assert plots.plane == planes[0]
-    plots.follow.setChecked(True)
-    assert plots.plane == planes[2]
-    assert table.view.currentIndex().row() == 2
-
-
-def test_another_plane_is_drawn_beside_the_one_that_is_shown(stage: Stage) -> None:
-    running(stage, 40)
-    plots, planes = stage.window.plots, list(stage.window.model.planes)
-    assert plots.beside.count() == 1 + len(planes)
-    table: Any = stage.window.panel("PlanesPanel")
-    table.view.selectRow(0)
-    plots.beside.setCurrentIndex(2)
-    points = [point for point in stage.window.model.plane_points(planes[1]) if point.brf is not None]
-    x, y = plots.other.getData()
-    assert (list(x), list(y)) == ([p.geometry.sensor_zenith for p in points], [p.brf for p in points])
-    assert len(points) > 5
-    plots.beside.setCurrentIndex(1)  # the plane itself: nothing beside it
-    assert plots.other.getData()[0] is None or not len(plots.other.getData()[0])
-
-
-def test_the_table_of_planes_counts_points_and_categories(stage: Stage) -> None:
-    running(stage, 8)
-    stage.play(PointSkipped(time=START, index=8, geometry=POINTS[8], reason="stalled"))
-    table = stage.window.panel("PlanesPanel").table  # type: ignore[attr-defined]
-    row = table.row(plane_of(POINTS[8]))
-    texts = [table.data(table.index(row, column)) or "" for column in range(table.columnCount())]
-    tally = stage.window.model.plane_tally[plane_of(POINTS[8])]
-    expected = [str(tally[c] or "") for c in ("good", "acceptable", "poor")]
-    assert texts == ["0°", "0°", f"8/{len(stage.window.model.planes[plane_of(POINTS[8])])}", "1", *expected]
-
-
-def test_the_tally_shows_counts_and_shares(stage: Stage) -> None:
-    running(stage, 0)
-    for index, t in enumerate((0.1, 0.2, 0.3, 3.0)):
-        stage.play(measured(index, POINTS, 0.3, 0.01), predicted(index, 0.3 + t * 0.01, 0.0))
-    panel: Any = stage.window.panel("TallyPanel")
-    assert [panel.counts[c].text() for c in ("good", "acceptable", "poor")] == ["3", "0", "1"]
-    assert [panel.shares[c].text() for c in ("good", "acceptable", "poor")] == ["75 %", "0 %", "25 %"]
-
-
-def test_pointing_at_a_value_reads_it(stage: Stage) -> None:
-    running(stage, 6)
-    plots = stage.window.plots
-    view = plots.brf_plot.getViewBox()
-    plots._point_at(view.mapViewToScene(QPointF(POINTS[2].sensor_zenith, 0.3)))
-    assert "measured" in plots.readout.text()
-    assert f"sensor zenith {POINTS[2].sensor_zenith:g}°".replace("-", "−") in plots.readout.text()
-
-
-def test_messages_say_what_to_do_newest_first(stage: Stage) -> None:
-    stage.play(
-        Message(time=START, level="info", text="first"),
-        Message(time=START, level="error", text="The shutter does not answer", advice="Check its cable."),
-    )
-    table = stage.window.panel("MessagesPanel").table  # type: ignore[attr-defined]
-    assert [table.data(table.index(0, c)) for c in range(1, 4)] == [
-        "error",
-        "The shutter does not answer",
-        "Check its cable.",
-    ]
-    assert table.line(1).text == "first"
 
 
 def test_a_sample_change_is_answered_in_the_window(stage: Stage, qtbot: QtBot) -> None:
@@ -330,119 +190,6 @@ def test_a_second_scan_starts_afresh(stage: Stage) -> None:
     assert stage.controller.asked == ["start", "start"]
     assert stage.window.model.settled == 2
     assert len(stage.window.plots.measured.data) == 2
-
-
-@pytest.mark.parametrize("choice", ["light", "dark"])
-def test_text_is_legible_in_both_palettes(stage: Stage, choice: Any) -> None:
-    stage.window.use_palette(choice)
-    running(stage, 6)
-    theme = stage.window.plots.theme
-    assert QApplication.palette().window().color().name() == theme.window
-    assert theme.dark == (choice == "dark")
-    inks = ("text", "quiet_text", "measured", "simulated", "good", "acceptable", "poor")
-    for ink in inks:
-        assert contrast(getattr(theme, ink), theme.surface) >= 4.5, ink
-    for tone, ground in theme.tone_surface.items():
-        assert contrast(theme.text, ground) >= 7, tone
-        assert contrast(theme.tone(tone), ground) >= 3, tone
-    assert contrast("#ffffff", theme.halt) >= 4.5
-
-
-def contrast(a: str, b: str) -> float:
-    """Contrast ratio of WCAG 2.2, section 1.4.3."""
-    from PySide6.QtGui import QColor
-
-    def luminance(colour: str) -> float:
-        parts = (QColor(colour).redF(), QColor(colour).greenF(), QColor(colour).blueF())
-        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    high, low = sorted((luminance(a), luminance(b)), reverse=True)
-    return (high + 0.05) / (low + 0.05)
-
-
-def test_layout_and_palette_are_remembered(make_stage: Callable[..., Stage]) -> None:
-    first = make_stage()
-    first.window.use_palette("dark")
-    first.window.across.setSizes([450, 700])
-    QApplication.processEvents()
-    sizes = first.window.across.sizes()
-    first.window.close()
-    second = make_stage()
-    QApplication.processEvents()
-    assert second.window.palette_choice == "dark"
-    assert second.window.across.sizes() == sizes
-
-
-def test_every_button_has_a_name_that_can_be_read_out(stage: Stage) -> None:
-    for button in stage.window.panel("ControlsPanel").buttons.values():  # type: ignore[attr-defined]
-        assert len(button.accessibleName()) > len("Start: ")
-
-
-def test_no_label_is_cut_off(stage: Stage, qtbot: QtBot) -> None:
-    running(stage, 12)
-    QApplication.processEvents()
-    for label in stage.window.findChildren(QLabel):
-        if label.isVisible() and label.text() and not label.wordWrap():
-            assert label.width() >= label.minimumSizeHint().width(), label.text()
-
-
-def test_events_of_many_threads_arrive_in_the_qt_thread_in_batches(qtbot: QtBot) -> None:
-    model = ScanModel(score)
-    bridge = Bridge(model)
-    batches: list[tuple[Changes, threading.Thread]] = []
-    bridge.changed.connect(lambda changes: batches.append((changes, threading.current_thread())))
-    each, threads = 200, 4
-
-    def write() -> None:
-        for number in range(each):
-            bridge.on_event(Message(time=START, level="info", text=str(number)))
-
-    writers = [threading.Thread(target=write) for _ in range(threads)]
-    for writer in writers:
-        writer.start()
-    qtbot.waitUntil(lambda: len(model.messages) == each * threads, timeout=5000)
-    qtbot.wait(100)  # the Qt thread sleeps again
-    bridge.on_event(Message(time=START, level="info", text="one more"))
-    qtbot.waitUntil(lambda: len(model.messages) == each * threads + 1, timeout=5000)
-    for writer in writers:
-        writer.join()
-    assert len(batches) < each * threads / 4
-    assert sum(changes.messages for changes, _ in batches) == each * threads + 1
-    assert {thread for _, thread in batches} == {threading.main_thread()}
-
-
-def test_a_burst_of_events_does_not_hold_the_window_up(stage: Stage, qtbot: QtBot) -> None:
-    points = geometries({float(i): (0.0, 45.0, 90.0) for i in range(0, 45, 5)}, step=5)
-    events = [*preparation(points), *readings(points, len(points))]
-    longest, last = 0.0, time.thread_time()
-    for event in events:
-        stage.window.bridge.on_event(event)
-    while stage.window.model.settled < len(points):
-        QApplication.processEvents()
-        now = time.thread_time()
-        longest, last = max(longest, now - last), now
-    assert longest < 0.25  # generous, and of this thread: other programs may keep the machine busy
-
-
-def test_memory_of_the_plot_does_not_grow_with_the_number_of_updates(stage: Stage) -> None:
-    running(stage, 20)
-    stage.window.plots._draw()
-    gc.collect()
-    before = len(stage.window.plots.graphics.scene().items())
-    for _ in range(50):
-        stage.window.plots._draw()
-    assert len(stage.window.plots.graphics.scene().items()) == before
-
-
-@pytest.mark.skipif(sys.version_info >= (3, 12), reason="they are immortal since Python 3.12")
-def test_qt_does_not_use_up_the_references_to_none_and_true(stage: Stage) -> None:
-    running(stage, 20)
-    before = {constant: sys.getrefcount(constant) for constant in (None, True, False)}
-    for _ in range(5000):  # each emits two signals
-        stage.window.plots.brf_plot.setYRange(0.0, 1.0, padding=0)
-    for constant, count in before.items():
-        assert sys.getrefcount(constant) > count - 1000  # PySide6 6.12.0 loses one a call and more
 
 
 def test_the_drawn_sample_is_the_artifact_of_the_run(tmp_path: Path) -> None:

@@ -5,8 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from scan_script import geometries, preparation, readings
+
+from gui.notices import ControllerStarting
+
 if TYPE_CHECKING:
     from gui.window import MainWindow
+
+
+POINTS = geometries({0.0: (0.0, 90.0), 15.0: (50.0,)}, step=10)
 
 
 class RecordingController:
@@ -50,3 +57,10 @@ class Stage:
         for event in events:
             self.window.bridge.on_event(event)  # type: ignore[arg-type]
         self.window.settle()
+
+
+def running(stage: Stage, count: int = 5) -> None:
+    """A scan of :data:`POINTS` is under way in the window."""
+    stage.window.do("start")
+    stage.window.show_page("watch")
+    stage.play(ControllerStarting(), *preparation(POINTS), *readings(POINTS, count))
