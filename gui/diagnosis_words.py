@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from gui.words import MINUS
+from twin.rounding import chance_of, with_u
+
 _VERDICTS = {
     "none": ("check", "good", "No gap beyond the uncertainties", "Nothing needs to be changed."),
     "effects": ("lens", "hold", "A cause is found", "Read what it is, how sure that is, and what to do next."),
@@ -35,7 +38,7 @@ def verdict_of(found: dict[str, Any]) -> Verdict:
     if known is None:
         return Verdict("ring", "quiet", f"Verdict: {found.get('verdict')}", "")
     probabilities = found.get("probabilities", {})
-    said = [f"{name} {value:.2f}" for name, value in probabilities.items() if isinstance(value, int | float)]
+    said = [f"{name} {chance_of(value)}" for name, value in probabilities.items() if isinstance(value, int | float)]
     return Verdict(*known[:3], f"{known[3]} Probabilities: {', '.join(said)}." if said else known[3])
 
 
@@ -57,7 +60,7 @@ def which_of(found: dict[str, Any]) -> list[tuple[str, str, str, str]]:
         parameters = named.get(name, {}).get("parameters", {})
         size = ", ".join(_size(key, p["value"], p["u"]) for key, p in parameters.items())
         others = ", ".join(other.replace("_", " ") for other in entry.get("class", [])[1:])
-        rows.append((name.replace("_", " "), f"{entry['probability']:.3f}", size, others))
+        rows.append((name.replace("_", " "), chance_of(entry["probability"]), size, others))
     return rows
 
 
@@ -66,7 +69,8 @@ def _size(key: str, value: float, u: float) -> str:
     name, _, end = key.rpartition("_")
     unit = _UNITS.get(end) if name else None
     words = (name if unit else key).replace("_", " ")
-    return f"{words} {value:.4g} ± {u:.2g}{f' {unit}' if unit else ''}".replace("-", "\u2212")
+    told = " ± ".join(with_u(value, u)).replace("-", MINUS)
+    return f"{words} {told}{f' {unit}' if unit else ''}"
 
 
 def how_far_of(found: dict[str, Any]) -> list[str]:

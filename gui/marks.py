@@ -61,6 +61,11 @@ def _square(painter: QPainter) -> None:
     painter.drawRect(QRectF(4, 4, 8, 8))
 
 
+def _frame(painter: QPainter) -> None:
+    _hollow(painter)
+    painter.drawRect(QRectF(4, 4, 8, 8))
+
+
 def _play(painter: QPainter) -> None:
     painter.drawPolygon(QPolygonF([QPointF(5, 3.5), QPointF(12.5, 8), QPointF(5, 12.5)]))
 
@@ -153,6 +158,7 @@ _DRAW: dict[str, Callable[[QPainter], None]] = {
     "triangle": _triangle,
     "cross": _cross,
     "square": _square,
+    "frame": _frame,
     "play": _play,
     "pause": _pause,
     "check": _check,

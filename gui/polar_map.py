@@ -243,7 +243,8 @@ class PolarMap(QWidget):
             )
         if self.title:
             painter.setPen(QColor(theme.text))
-            painter.drawText(QRectF(0, 0, self.width(), 18), Qt.AlignmentFlag.AlignCenter, self.title)
+            top = max(middle.y() - radius - _MARGIN - 18, 0.0)
+            painter.drawText(QRectF(0, top, self.width(), 18), Qt.AlignmentFlag.AlignCenter, self.title)
         if self.illumination is not None:
             here = self.place(Spot(*self.illumination, ""))
             painter.setPen(QPen(QColor(theme.simulated), 2))

@@ -67,6 +67,7 @@ class MainWindow(Frame):
         self._late.setSingleShot(True)
         self._late.timeout.connect(self._catch_up)
         self._drawn = 0.0
+        self._alone = False
         self._connect()
         self.show_page(self.pages[0].name)
 
@@ -213,13 +214,19 @@ class MainWindow(Frame):
     def _expect_to_catch_up(self) -> None:
         """Between two batches of events, so that no pass of the loop has to do both."""
         if not self._late.isActive():
+            self._alone = False
             self._late.start(_BETWEEN_MS if time.monotonic() > self._drawn + _LATE else _BATCH_MS + _BETWEEN_MS)
 
     def _catch_up(self) -> None:
         """Let one of the panels that cost much draw; the next one has to wait for the next pass of the loop."""
+        if not self._alone:  # a slow pass may have painted or delivered just before: not in the same one
+            self._alone = True
+            self._late.start(0)
+            return
         behind = [panel for panel in self.panels if panel.behind]
         wait = self._drawn + _LATE / max(len(behind), 1) - time.monotonic()
         if wait > 0:
+            self._alone = False
             self._late.start(round(1000 * wait) + 1)
             return
         for panel in behind[:1]:

@@ -7,8 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from PySide6.QtCore import QByteArray, QSettings, Qt, Signal
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtCore import QByteArray, QModelIndex, QPersistentModelIndex, QSettings, QSize, Qt, Signal
+from PySide6.QtWidgets import (
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QSplitter,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QVBoxLayout,
+    QWidget,
+)
 
 from gui.model import Changes, ScanModel
 from gui.notices import Notice
@@ -148,6 +158,14 @@ def stacked(panels: Sequence[Panel], width: int = 0) -> QWidget:
     if not any(panel.stretch for panel in panels):
         stack.addStretch(1)
     return widget
+
+
+class RoomyRows(QStyledItemDelegate):
+    """Rows with air between them, where texts take several lines."""
+
+    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+        """Eight logical pixels more than the text takes."""
+        return super().sizeHint(option, index) + QSize(0, 8)
 
 
 def card(title: str = "", margins: int = 12) -> tuple[QFrame, QVBoxLayout]:

@@ -17,9 +17,10 @@ from PySide6.QtWidgets import (
 from gui import marks, words
 from gui.guided import Guided, laboratory_arguments
 from gui.model import Changes
-from gui.pages.base import Desk, Page, card
+from gui.pages.base import Desk, Page, RoomyRows, card
 from gui.panels.base import quiet
 from gui.procedures import Procedure, procedures
+from gui.theme import Theme
 from gui.work import Work
 
 _HEADS = ("Procedure", "Last result", "When", "What it found")
@@ -55,6 +56,7 @@ class CalibrationPage(Page):
         self.table.setTabKeyNavigation(False)
         self.table.setShowGrid(False)
         self.table.setWordWrap(True)
+        self.table.setItemDelegate(RoomyRows(self.table))
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header = self.table.horizontalHeader()
@@ -143,6 +145,10 @@ class CalibrationPage(Page):
         words_ = ["calibrate", one.command, *laboratory_arguments(self.desk), *(["--", *subject] if subject else [])]
         self.guided.run(one.command.replace("-", " ").capitalize(), words_)
         self._choose()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Signs in other colours."""
+        self._show(self.procedures)
 
     def refresh(self, changes: Changes) -> None:
         """Show the reference of the scan; procedures have to wait for it."""

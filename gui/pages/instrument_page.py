@@ -21,8 +21,9 @@ from gui import marks
 from gui.child import Child
 from gui.guided import Guided, laboratory_arguments
 from gui.model import Changes
-from gui.pages.base import Desk, Page, card
+from gui.pages.base import Desk, Page, RoomyRows, card
 from gui.panels.base import quiet
+from gui.theme import Theme
 from gui.work import Work
 
 _DEVICES = ("Device", "State", "Last word", "Who it says it is")
@@ -109,8 +110,15 @@ class InstrumentPage(Page):
     def _add(self, found: dict[str, Any]) -> None:
         good = bool(found.get("ok"))
         last = found.get("problem") or found.get("cause") or found.get("state") or ""
-        texts = (found.get("role", ""), "answers" if good else "needs you", last, found.get("identity", ""))
+        texts = (found.get("role", ""), "answers" if good else "needs you", last, _words(found.get("identity", "")))
         _append(self, self.devices, texts, good)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Signs in other colours."""
+        for table in (self.devices, self.checks):
+            for row in range(table.rowCount()):
+                if (item := table.item(row, 1)) is not None:
+                    _sign(item, theme)
 
     def _child_ended(self, status: int) -> None:
         self._set_enabled()
@@ -157,6 +165,11 @@ class InstrumentPage(Page):
             self.enter()
 
 
+def _words(identity: str) -> str:
+    """What a device says it is, so that it can be broken into lines: many separate with bare commas."""
+    return ", ".join(part.strip() for part in identity.split(","))
+
+
 def _last_preflight(folder: Path) -> tuple[str, list[dict[str, Any]]]:
     from gui.preflight_records import last_preflight
 
@@ -172,6 +185,7 @@ def _table(heads: tuple[str, ...], name: str) -> QTableWidget:
     table.setTabKeyNavigation(False)
     table.setShowGrid(False)
     table.setWordWrap(True)
+    table.setItemDelegate(RoomyRows(table))
     table.verticalHeader().hide()
     table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
     header = table.horizontalHeader()
@@ -183,14 +197,20 @@ def _table(heads: tuple[str, ...], name: str) -> QTableWidget:
 
 
 def _append(page: Page, table: QTableWidget, texts: tuple[str, ...], good: bool) -> None:
-    row, theme = table.rowCount(), page.desk.theme
+    row = table.rowCount()
     table.insertRow(row)
     for column, text in enumerate(texts):
         item = QTableWidgetItem(text)
         item.setToolTip(text)
         if column == 1:
-            item.setIcon(marks.icon("check" if good else "warning", theme.good if good else theme.bad))
+            item.setData(Qt.ItemDataRole.UserRole, good)
+            _sign(item, page.desk.theme)
         table.setItem(row, column, item)
+
+
+def _sign(item: QTableWidgetItem, theme: Theme) -> None:
+    good = item.data(Qt.ItemDataRole.UserRole)
+    item.setIcon(marks.icon("check" if good else "warning", theme.good if good else theme.bad))
 
 
 PAGE = InstrumentPage

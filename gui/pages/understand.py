@@ -32,6 +32,7 @@ from gui.model import Changes
 from gui.pages.base import Desk, Page, card, explained, scrolled
 from gui.panels.base import quiet
 from gui.past_runs import DIAGNOSIS_NAME, REPORT_NAME, TWIN_NAME
+from gui.theme import Theme
 from gui.work import Work
 from instrument.request import ARTIFACT_NAME, FACILITY_NAME, PLAN_NAME, material_of
 
@@ -59,6 +60,7 @@ class UnderstandPage(Page):
         self._prepare = Work(self)
         self._prepare.finished.connect(self._begin)
         self._prepare.failed.connect(self._complain)
+        self._snapshot: tempfile.TemporaryDirectory[str] | None = None  # of a run that is not finished
         self._stopped = False
         self._began = 0.0
         self._second = QTimer(self)
@@ -218,13 +220,15 @@ class UnderstandPage(Page):
 
     def diagnose(self) -> None:
         """Diagnose the chosen run; one that is not finished as far as it is measured."""
-        if self.folder is None or self._child.running:
+        if self.folder is None or self._child.running or self._prepare.busy:
             return
         folder = self.folder
         self._stopped = False
         self._said.clear()
         self.state.setText("Reading the run…")
-        self._prepare.do(lambda: _arguments(folder))
+        self._snapshot = tempfile.TemporaryDirectory(prefix="goniotwin-snapshot-")
+        so_far = Path(self._snapshot.name) / "so-far.nc"
+        self._prepare.do(lambda: _arguments(folder, so_far))
 
     def _begin(self, arguments: list[str]) -> None:
         self._began = time.monotonic()
@@ -247,6 +251,7 @@ class UnderstandPage(Page):
 
     def _ended(self, status: int) -> None:
         self._second.stop()
+        self._drop_snapshot()
         took = words.duration(time.monotonic() - self._began)
         assert self.folder is not None
         folder = self.folder
@@ -260,7 +265,13 @@ class UnderstandPage(Page):
             self.state.setText(f"Done in {took}: {folder / DIAGNOSIS_NAME}")
         self._show()
 
+    def _drop_snapshot(self) -> None:
+        if self._snapshot is not None:
+            self._snapshot.cleanup()
+            self._snapshot = None
+
     def _complain(self, error: Exception) -> None:
+        self._drop_snapshot()
         self.state.setText(f"⚠ {explained(error)}")
         self._show()
 
@@ -320,14 +331,18 @@ class UnderstandPage(Page):
         if not text:
             self.said.emit(f"Change this plan and save it under another name. {self.next.text().splitlines()[0]}")
 
+    def set_theme(self, theme: Theme) -> None:
+        """Sign of the verdict in other colours."""
+        self._show()
+
     def refresh(self, changes: Changes) -> None:
         """The scan on the screen may be another one."""
         if changes.scan:
             self.this_scan.setEnabled(bool(self.model.run_dir) and not self._child.running)
 
 
-def _arguments(folder: Path) -> list[str]:
-    """The command line of a diagnosis; an unfinished run is written to a file of its own first.
+def _arguments(folder: Path, so_far: Path) -> list[str]:
+    """The command line of a diagnosis; an unfinished run is written to the file ``so_far`` first.
 
     Raises
     ------
@@ -342,9 +357,8 @@ def _arguments(folder: Path) -> list[str]:
     if (folder / RUN_NAME).is_file():
         words_.append(str(folder))
     else:
-        snapshot = Path(tempfile.mkdtemp(prefix="goniotwin-snapshot-")) / "so-far.nc"
-        write_run(rebuild_run(folder), snapshot)
-        words_.append(str(snapshot))
+        write_run(rebuild_run(folder), so_far)
+        words_.append(str(so_far))
         named = {"--facility": folder / FACILITY_NAME, "--artifact": folder / ARTIFACT_NAME}
         for option, path in named.items():
             words_ += [option, str(path)]

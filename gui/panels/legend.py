@@ -77,7 +77,7 @@ def category_legend(theme: Theme) -> QWidget:
     for sign, colour, text in (
         ("disc", theme.measured, "measured, no prediction yet"),
         ("ring", theme.quiet_text, "not measured yet"),
-        ("square", theme.poor, "could not be measured"),
+        ("frame", theme.poor, "could not be measured"),
     ):
         label = QLabel()
         label.setPixmap(marks.pixmap(sign, colour, 14))
