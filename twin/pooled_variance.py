@@ -74,11 +74,12 @@ def expected(seen: Tally, main: Tally) -> Expected:
         some = (found[part] > 0) & (before[part] > 0) & (total > 0)
         if some.sum() < ENOUGH:
             continue
-        carried = before[part] * (seen.done[part] / np.maximum(main.done[part], 1)) ** (2 * RATE[part])
-        level = np.sum((found[part] / total**2)[some]) / np.sum((carried / total**2)[some])
-        variances[part] = np.where(some, carried * level, 0.0)
-        ratio = np.log(found[part][some] / carried[some])
-        degrees[part] = min(_degrees(float(ratio.var(ddof=1)) - _scatter(_OWN)), _MOST)
+        lines = seen.done[part][some] / main.done[part][some]
+        carried = before[part][some] * lines ** (2 * RATE[part])
+        ratio = found[part][some] / carried
+        relative = carried / total[some] ** 2
+        variances[part, some] = carried * np.sum(ratio * relative) / np.sum(relative)
+        degrees[part] = min(_degrees(float(np.log(ratio).var(ddof=1)) - _scatter(_OWN)), _MOST)
     return Expected(variances, degrees)
 
 

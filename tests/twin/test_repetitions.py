@@ -139,6 +139,15 @@ def test_few_geometries_do_not_tell_what_the_pilot_is_worth() -> None:
     assert np.all(degrees == RANDOMISATIONS - 1)
 
 
+def test_a_dark_geometry_among_many_expects_nothing() -> None:
+    pilot, main, _ = runs(np.random.default_rng(9), 60, 0.0, 1.0)
+    pilot.sums[:, 3] = main.sums[:, 3] = 0.0
+    found = expected(pilot, main)
+    assert np.all(found.variances[:, 3] == 0)
+    assert np.all(np.delete(found.variances, 3, axis=1) > 0)
+    assert np.all(found.degrees > 0)
+
+
 def test_pooled_variances_are_weighted_by_degrees_of_freedom() -> None:
     known = Expected(np.full((len(Part), 1), 4.0), np.array([5.0, 15.0, 0.0]))
     variances, degrees = known.pooled(np.full((len(Part), 1), 1.0))
