@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from gui.past_runs import DIAGNOSIS_NAME, REPORT_NAME, TWIN_NAME
+from gui.solid import VARIABLE
 from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE
 
 SCALES = (1, 2)
@@ -54,6 +55,7 @@ def take_all(folder: Path, run: Path | None, diagnosed: Path | None = None) -> i
             _diagnose(run)
         for scale in SCALES:
             environment = os.environ | {"QT_SCALE_FACTOR": str(scale), "QT_QPA_PLATFORM": "offscreen"}
+            environment[VARIABLE] = "solid"
             where = [str(run.relative_to(home)), str(understood.relative_to(home)), str(folder.absolute()), str(scale)]
             command = [sys.executable, "-m", "gui.pictures", *where]
             if subprocess.run(command, env=environment, cwd=home, check=False).returncode != 0:
@@ -115,10 +117,12 @@ def take(run: Path, understood: Path, folder: Path, scale: int) -> None:
         for palette, mark in (("dark", "-dark"), ("light", "")):
             window.use_palette(palette)  # type: ignore[arg-type]
             wait()
+            wait(lambda: arms.solid.settled, _PATIENCE_WALL)
             window.settle()
             window.grab().save(str(folder / f"{name}{mark}-{100 * scale}.png"))
 
     pages: dict[str, Any] = {page.name: page for page in window.pages}
+    arms: Any = window.panel("ArmsPanel")
     window.show_page("start")
     wait(lambda: bool(pages["start"]._rows), _PATIENCE_WALL)
     shoot("1-start")

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QWidget
 
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
+from gui.solid import VARIABLE
 from gui.solid.apart import Apart
 from gui.solid.geometry import Camera, Stance, commanded, from_direction, reported
 from gui.solid.lines import ArmsView, Sample, sample_of
@@ -19,8 +20,6 @@ from gui.solid.view import SolidView
 from gui.theme import Theme
 from gui.work import Work
 
-#: ``solid`` renders whatever Qt draws on, ``lines`` never; otherwise it is rendered wherever there is a screen.
-VARIABLE = "GONIOTWIN_3D"
 _WITHOUT_SCREEN = ("offscreen", "minimal", "minimalegl", "vnc", "linuxfb")
 _REST = Stance(0.0, 0.0, 45.0)  # of a plan of which nothing has moved yet
 _VIEWS = (

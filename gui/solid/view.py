@@ -82,6 +82,11 @@ class SolidView(QWidget):
             self._begun = True
             self._stir()
 
+    @property
+    def settled(self) -> bool:
+        """Whether the picture shows what there is to be seen, or none will come."""
+        return self._renderer.over or not self._clock.isActive()
+
     def go_to(self, stance: Stance | None, *, at_once: bool = False) -> None:
         """Let the axes go to where they are said to be."""
         if stance == self.target:

@@ -18,7 +18,8 @@ from pytestqt.qtbot import QtBot
 from gui.comparison import score
 from gui.model import ScanModel
 from gui.notices import ControllerStarting
-from gui.panels.arms import VARIABLE, ArmsPanel, wanted
+from gui.panels.arms import ArmsPanel, wanted
+from gui.solid import VARIABLE
 from gui.solid.geometry import (
     Camera,
     Stance,
