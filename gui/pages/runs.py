@@ -31,6 +31,7 @@ from gui.work import Work
 from instrument.states import FINAL
 
 REPORT_NAME = "report.html"
+_NO_FIGURES = "No figures. They are drawn at the end of a scan that the twin watched."
 _WORDS_KEPT = 1000  # characters of what the report's process says
 _PICTURE, _PICTURES = QSize(180, 110), 24  # size and number of the figures that are listed
 
@@ -128,7 +129,7 @@ class RunsPage(Page):
         self.figures.itemActivated.connect(
             lambda item: QDesktopServices.openUrl(QUrl.fromLocalFile(item.data(Qt.ItemDataRole.UserRole)))
         )
-        self.no_figures = quiet("No figures. They are drawn at the end of a scan that the twin watched.")
+        self.no_figures = quiet(_NO_FIGURES)
         body.addWidget(self.figures)
         body.addWidget(self.no_figures)
         return frame
@@ -186,11 +187,13 @@ class RunsPage(Page):
         self.buttons["report"].setEnabled(readable and not self._child.running)
         self.buttons["folder"].setEnabled(one is not None)
         self.figures.clear()
+        self.no_figures.setText("Looking for figures…")
         self._read.do(lambda: [(path, _small(path)) for path in figures_of(one.folder)[:_PICTURES]] if one else [])
         self._say(one.row.problem if one is not None else "")
 
     def _show_figures(self, pictures: list[tuple[Path, QImage]]) -> None:
         self.figures.setVisible(bool(pictures))
+        self.no_figures.setText(_NO_FIGURES)
         self.no_figures.setVisible(not pictures)
         for path, picture in pictures:
             item = QListWidgetItem(QIcon(QPixmap.fromImage(picture)), path.stem)

@@ -148,7 +148,7 @@ def eye(camera: Camera, stance: Stance) -> tuple[FloatArray, FloatArray, FloatAr
     elif camera.view == "detector":
         zenith, azimuth, distance = stance.sensor_zenith, stance.sensor_azimuth, DETECTOR
     else:
-        distance, centre = 4.3 / camera.zoom, np.array([0.0, 0.0, 0.2]) / camera.zoom
+        distance, centre = 4.5 / camera.zoom, np.array([0.0, 0.0, 0.16]) / camera.zoom
         zenith, azimuth = 90.0 - camera.height, camera.azimuth
     frame = placement(zenith, azimuth)[:3, :3]
     # Towards falling zenith is up, for a free view; an arm's own view keeps to the arm, across the zenith too.

@@ -236,7 +236,7 @@ class SolidView(QWidget):
         theme, left = self.theme, 10.0
         width = sum(30 + painter.fontMetrics().horizontalAdvance(SURFACES[key][1]) for key in SEEN)
         ground = QColor(theme.surface)
-        ground.setAlpha(190)
+        ground.setAlpha(235)
         painter.fillRect(QRectF(4.0, self.height() - 26.0, width, 23.0), ground)
         for key in SEEN:
             colour, text = SURFACES[key]
