@@ -83,7 +83,7 @@ def proposals(diagnosis: Diagnosis, facility: Facility, most: int = 3) -> list[P
     return ranked(outlook_of(diagnosis, [Stage.of(diagnosis.prepared, facility)]), facility, most)
 
 
-def further(diagnosis: Diagnosis, bench: Bench, most: int = 6) -> list[Proposal]:
+def further(diagnosis: Diagnosis, bench: Bench, most: int = 8) -> list[Proposal]:
     """The same with geometries that the run lacks, the white reference, and the flat coupon of a sample with holes.
 
     At new geometries the effects of the leading explanations and of the budget are rendered, once for a configuration.

@@ -33,6 +33,7 @@ EXAMPLES = Path(__file__).parents[3] / "sim_fixtures" / "examples"
 #: Few and cheap to render; one that the minimal file cannot show.
 EFFECTS = ("sensor_zenith_offset", "backlash", "stray_light", "polarization", "source_drift", "reference_scale")
 TRUE_DEG = 1.5
+OTHERS = ("flat coupon", "white reference")
 UNITS = {"wavelength": "nm"} | dict.fromkeys(
     ("illumination_zenith", "illumination_azimuth", "sensor_zenith", "sensor_azimuth"), "degree"
 )
@@ -187,6 +188,7 @@ def test_plans_of_other_scans_are_ready_to_run(lab: Laboratory, call, tmp_path: 
         return {name: column[found["sensor_azimuth"] == found["sensor_azimuth"][0]] for name, column in found.items()}
 
     monkeypatch.setattr(followup, "other_geometries", one_plane)
+    monkeypatch.setattr(followup, "_LEAST", -1.0)  # scans that say nothing of this cause are proposed as well
     folder, out = tmp_path / "plans", tmp_path / "d.json"
     result = call(lab.folder / "run.nc", *lab.files(), "--plans", folder, "--json", out)
     assert result.exit_code == 0, result.output
@@ -202,6 +204,7 @@ def test_plans_of_other_scans_are_ready_to_run(lab: Laboratory, call, tmp_path: 
         assert not plan.blocked
         new |= not {point.sensor_azimuth for point in plan.points} <= known
     assert new
+    assert set(OTHERS) == {word for scan in proposed for word in OTHERS if word in scan["plan"]}
     rates = [scan["information_per_hour"] for scan in proposed]
     assert rates == sorted(rates, reverse=True)
     # What direction tells, no other plane tells as fast.
