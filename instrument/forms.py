@@ -30,9 +30,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the file is missing, no text, or not TOML.
+        If the file is missing, no text, not TOML, or holds no key: where every key has a default, a file that was cut
+        to nothing would stand for something.
     """
-    return parse_toml(text_of(path, "a TOML file"), str(path))
+    found = parse_toml(text_of(path, "a TOML file"), str(path))
+    if not found:
+        raise InputError(f"{path}: empty; expected a TOML file with at least one key")
+    return found
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from sim_fixtures.connections import add_monitor, write_alternative, write_devic
 from sim_fixtures.control import ControlClient
 
 #: Wall-clock seconds within which the process must answer; a first start compiles the optical model.
-START_TIMEOUT = 180.0
+START_TIMEOUT = 600.0
 _LOG = "laboratory.log"
 
 
@@ -186,7 +186,7 @@ def _wait_until_ready(process: subprocess.Popen[bytes], log: Path) -> dict[str, 
         received += piece
     if b"\n" not in received:
         words = log.read_text(errors="replace").strip().splitlines()[-5:]
-        raise RuntimeError("the simulated laboratory did not start: " + ("; ".join(words) or "it said nothing"))
+        raise RuntimeError("the simulated laboratory did not start: " + ("; ".join(words) or f"it said nothing in {START_TIMEOUT:g} s"))
     return dict(json.loads(received))
 
 

@@ -67,7 +67,7 @@ def test_a_wrong_facility_is_named(old: str, new: str, expected: str, tmp_path: 
 
 
 def test_unreadable_files_are_named(tmp_path: Path) -> None:
-    for content, expected in ((b"\xff\xfe", "not a text file"), (b"a = ", "not valid TOML")):
+    for content, expected in ((b"\xff\xfe", "not a text file"), (b"a = ", "not valid TOML"), (b"# x\n", "empty")):
         (tmp_path / "a.toml").write_bytes(content)
         with pytest.raises(InputError, match=expected):
             read_toml(tmp_path / "a.toml")
