@@ -142,13 +142,20 @@ class ArmsPanel(Panel):
         self._say()
 
     def _say(self) -> None:
-        where = "Where the drives say that the axes are" if self.model.positions else "Where the axes are sent"
-        parts = [where, self._lines or "the sample is drawn larger than the arms"]
+        parts = [self._whence(), self._lines or "the sample is drawn larger than the arms"]
         if self.solid.problem:
             parts.append(f"a plain sample: {self.solid.problem}")
         if self._trouble:
             parts.append(self._trouble)
         self.text.setText(f"{'; '.join(parts)}. {_HINT}")
+
+    def _whence(self) -> str:
+        """Where the positions come from."""
+        model = self.model
+        if model.positions:
+            now = "say that the axes are" if model.connected else "last said that the axes were"
+            return f"Where the drives {now}"
+        return "No axis has moved yet" if model.current is None else "Where the axes are sent"
 
     # Following the scan
 

@@ -14,7 +14,7 @@ from typing import IO, Any
 from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtGui import QImage
 
-_FIRST_WALL, _NEXT_WALL = 90.0, 20.0  # seconds for loading VTK and a first picture; for any later one
+_FIRST_WALL, _NEXT_WALL = 180.0, 60.0  # seconds for loading VTK and a first picture; for any later one
 _COMMAND = [sys.executable, "-m", "gui.solid.process"]
 
 

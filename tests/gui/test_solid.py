@@ -139,7 +139,7 @@ def test_the_view_follows_the_drives_and_says_so(panel: ArmsPanel) -> None:
     assert panel.text.text().startswith("Where the drives say that the axes are")
     assert "lines: there is no screen to render for" in panel.text.text()  # these tests have none
     play(panel, ScanStarted(time=NOW, run_dir="", title="t", points=POINTS, duration_s=9.0))
-    assert panel.text.text().startswith("Where the axes are sent")  # what was said belongs to the scan before
+    assert panel.text.text().startswith("No axis has moved yet")  # what was said belongs to the scan before
 
 
 def test_presets_have_keys_and_buttons(panel: ArmsPanel, qtbot: QtBot) -> None:
@@ -226,6 +226,25 @@ def test_a_renderer_that_cannot_be_started_or_talks_nonsense_is_told(
         view.failed.connect(reasons.append)
         qtbot.waitUntil(lambda: len(reasons) == 1, timeout=30_000)  # noqa: B023
         assert reasons[0]
+
+
+def test_the_own_window_is_told_what_is_to_be_seen_and_its_end_is_said(
+    panel: ArmsPanel, tmp_path: Path, qtbot: QtBot
+) -> None:
+    heard = tmp_path / "heard.json"
+    body = f"open({str(heard)!r}, 'w').write(sys.stdin.readline())\nsys.exit('no context')\n"
+    panel.apart._command = serving(tmp_path, body)
+    panel.buttons["Own window"].setEnabled(True)  # as on a screen
+    panel.buttons["Own window"].click()
+    assert panel.apart.open
+    qtbot.waitUntil(lambda: not panel.apart.open, timeout=30_000)
+    assert json.loads(heard.read_text())["stance"] == [15.0, 90.0, -40.0, 0.0]
+    assert "the window of its own has ended: no context" in panel.text.text()
+    panel.apart._command = serving(tmp_path, "sys.stdin.read()\n")
+    panel.open_apart()
+    panel.apart.close()
+    qtbot.waitUntil(lambda: not panel.apart.open, timeout=30_000)
+    assert "of its own" not in panel.text.text()  # a person has closed it
 
 
 def test_a_person_can_ask_for_lines_or_for_pictures(monkeypatch: pytest.MonkeyPatch, qapp: object) -> None:

@@ -116,7 +116,7 @@ def test_the_instrument_is_rendered_and_moves_as_the_drives_say(display: str) ->
     rendered = on(display, "-c", RENDERED)
     assert rendered.returncode == 0, rendered.stderr
     stands, colours, changed = rendered.stdout.splitlines()
-    assert stands.startswith("True Where the axes are sent")
+    assert stands.startswith("True No axis has moved yet")
     many, corner, ground = colours.split()
     assert int(many) > 30  # shades of arms, sample and ground plate
     assert corner == ground
