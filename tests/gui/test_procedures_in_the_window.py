@@ -188,6 +188,6 @@ def test_a_calibration_is_halted_from_any_page_and_then_carried_out(
     answered_to_the_end(rehearsal, qtbot)
     assert page.guided.state.text() == "✓ Done; the result is stored.", page.guided.words.toPlainText()
     [result] = read_results(tmp_path / "results")
-    assert (result.procedure, result.who) == ("dark", "Ada")
+    assert (result.procedure, result.who) == ("dark-level", "Ada")
     dark = [each.command for each in page.procedures].index("dark")
     qtbot.waitUntil(lambda: page.table.item(dark, 1).text() == result.verdict, timeout=60_000)

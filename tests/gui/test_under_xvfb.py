@@ -14,7 +14,7 @@ import pytest
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.timeout(300),
+    pytest.mark.timeout(600),
     pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed; .ci/run installs it where it can"),
 ]
 HERE = Path(__file__).parent
@@ -97,7 +97,7 @@ def display() -> Iterator[str]:
 def on(display: str, *command: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"DISPLAY": display, "QT_QPA_PLATFORM": "xcb", "GONIOTWIN_TEST_PLATFORM": "xcb"}
     return subprocess.run(
-        [sys.executable, *command], capture_output=True, text=True, env=environment, cwd=HERE, timeout=280, check=False
+        [sys.executable, *command], capture_output=True, text=True, env=environment, cwd=HERE, timeout=570, check=False
     )
 
 
