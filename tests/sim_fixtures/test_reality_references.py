@@ -122,7 +122,7 @@ def test_the_artifact_under_ideal_illumination() -> None:
         plate(),
         lambertian(0.5),
         lambda zenith, azimuth: sensor_bundle(HORIZONTAL, zenith, azimuth),
-        1024,
+        512,
     )
     check(estimates, data)
 
