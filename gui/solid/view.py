@@ -78,9 +78,8 @@ class SolidView(QWidget):
 
     def begin(self) -> None:
         """Ask for pictures from now on, although this widget is not shown before the first one is there."""
-        if not self._begun:
-            self._begun = True
-            self._stir()
+        self._begun = True
+        self._stir()
 
     @property
     def settled(self) -> bool:
@@ -196,6 +195,7 @@ class SolidView(QWidget):
                 return
         self.update()
         if first:
+            self._asked = {}  # how long a picture takes, the next one says: this one made everything ready
             self.drawn.emit()
 
     def _give_up(self, reason: str) -> None:

@@ -194,6 +194,7 @@ def test_pictures_are_asked_for_when_something_moves_and_not_otherwise(
     qtbot.waitUntil(lambda: not view._clock.isActive(), timeout=30_000)
     assert view.picture is not None
     assert view.picture.pixelColor(2, 1).getRgb()[:3] == (10, 200, 30)
+    assert view._asked["fine"]  # what stands still is worth a better one
     quiet = len(pictures)
     qtbot.wait(400)
     assert len(pictures) == quiet  # nothing has moved: nothing is rendered
