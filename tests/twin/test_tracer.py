@@ -328,11 +328,8 @@ def test_a_table_that_changes_within_the_beam_is_followed(sample: Any) -> None:
     cos_i = np.array([0.0, 0.5, 0.998, 1.0])
     brf = np.broadcast_to([0.5, 0.5, 0.5, 1.0], (1, 4, 5, 4))
     peaked = Material(cos_i, np.linspace(0, 2 * np.pi, 5), cos_i, brf / np.pi, name="peaked")
-    tracer, setup, geometry = (
-        Tracer(build_mesh(sample), peaked),
-        Setup(source_distance_mm=100.0),
-        columns(0, [40.0], 30),
-    )
+    tracer, geometry = Tracer(build_mesh(sample), peaked), columns(0, [40.0], 30)
+    setup = Setup(source_distance_mm=100.0)
     value, error = trace(tracer, facility(), geometry, 1024, setup=setup)
     whole, whole_error = trace(tracer, facility(), geometry, 8192, seed=2, setup=setup, mixture=UNRESTRICTED)
     assert error < 0.002 * value
