@@ -9,7 +9,7 @@ from typing import Any
 
 from instrument.bus import EventBus, Subscription
 from instrument.events import Message
-from instrument.observers import Observer
+from instrument.observers import Observer, ObserverFactory
 
 log = logging.getLogger(__name__)
 GROUP = "goniotwin.observers"
@@ -63,7 +63,8 @@ class Audience:
 
     def _seat(self, point: EntryPoint) -> None:
         try:
-            observer = point.load()(self._bus.publish)
+            factory: ObserverFactory = point.load()
+            observer = factory(self._bus.publish)
         except Exception as error:
             log.debug("observer %s cannot watch", point.name, exc_info=True)
             self._complain(f"{point.name} cannot watch this scan: {type(error).__name__}: {error}")

@@ -48,17 +48,6 @@ class RunSummary:
     problem: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Overview(RunSummary):
-    """A run folder in one row."""
-
-    folder: Path
-
-    def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return {key: str(value) if isinstance(value, Path) else value for key, value in vars(self).items()}
-
-
 @dataclass(frozen=True)
 class Verification:
     """All checks of a run folder; ``folder`` may be a URL."""
@@ -76,15 +65,6 @@ class Verification:
         return {"folder": str(self.folder), "passed": self.passed, "checks": [vars(check) for check in self.checks]}
 
 
-def overview(folder: Path) -> Overview:
-    """A run folder in one row; a damaged journal becomes its ``problem``."""
-    try:
-        content = read_journal(folder)
-    except InputError as error:
-        return Overview(folder=folder, problem=str(error))
-    return Overview(folder=folder, **vars(summary_of(content)))
-
-
 def summary_of(content: JournalContent) -> RunSummary:
     """A run in one row, from its journal."""
     record = current_record(content)
@@ -99,19 +79,6 @@ def summary_of(content: JournalContent) -> RunSummary:
         sample=record.sample,
         operator=record.operator,
     )
-
-
-def overviews(folder: Path) -> list[Overview]:
-    """Every run folder inside a folder, oldest name first.
-
-    Raises
-    ------
-    InputError
-        If there is no such folder.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; expected one that holds run folders")
-    return [overview(path.parent) for path in sorted(folder.glob(f"*/{JOURNAL_NAME}"))]
 
 
 def verify(folder: Path) -> Verification:

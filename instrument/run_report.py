@@ -17,7 +17,7 @@ from instrument.errors import InputError
 from instrument.journal import read_journal
 from instrument.plan import describe
 from instrument.records import SkippedRecord
-from instrument.run_archive import Verification, overview
+from instrument.run_archive import Verification, summary_of
 from instrument.run_axes import POLARIZATIONS
 from instrument.run_folder import RUN_NAME
 from instrument.run_read import capabilities, read_run
@@ -89,7 +89,7 @@ def run_summary(path: Path) -> dict[str, Any]:
     file = path
     if path.is_dir():
         content = read_journal(path)
-        summary |= overview(path).as_dict()
+        summary |= {"folder": str(path)} | vars(summary_of(content))
         summary["record"] = current_record(content).said()
         summary["record_history"] = history(content)
         summary["references"] = len(content.references)

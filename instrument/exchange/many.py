@@ -20,7 +20,7 @@ def run_folders(named: Sequence[str]) -> list[str]:
     Raises
     ------
     InputError
-        If a folder is missing or holds no run, or one is named twice.
+        If one is named twice, or a store has no such thing.
     """
     found = [run for name in named for run in _runs_in(name)]
     doubled = sorted({run for run in found if found.count(run) > 1})
