@@ -6,6 +6,7 @@ import gc
 import sys
 import threading
 import time
+from typing import Any
 
 import pytest
 from PySide6.QtWidgets import QApplication
@@ -13,6 +14,7 @@ from pytestqt.qtbot import QtBot
 from scan_script import START, geometries, preparation, readings
 from window_stage import Stage, running
 
+from gui.axes import step
 from gui.bridge import Bridge
 from gui.comparison import score
 from gui.model import Changes, ScanModel
@@ -75,3 +77,24 @@ def test_qt_does_not_use_up_the_references_to_none_and_true(stage: Stage) -> Non
         stage.window.plots.brf_plot.setYRange(0.0, 1.0, padding=0)
     for constant, count in before.items():
         assert sys.getrefcount(constant) > count - 1000  # PySide6 6.12.0 loses one a call and more
+
+
+def test_of_three_maps_one_is_drawn_in_a_pass_and_none_when_the_tab_is_shown(stage: Stage) -> None:
+    running(stage, 20)
+    tabs: Any = stage.window.page("watch").tabs  # type: ignore[attr-defined]
+    panel: Any = stage.window.panel("PolarPanel")
+    tabs.setCurrentWidget(panel)
+    assert panel.behind
+    left = []
+    while panel.behind:
+        panel.catch_up()
+        left.append(sum(each.stale for each in panel.maps.values()))
+    assert left == [3, 2, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("extent", "length", "apart", "expected"),
+    [(100.0, 500.0, 50.0, 10.0), (160.0, 700.0, 64.0, 20.0), (0.003, 200.0, 34.0, 0.001), (1.0, 50.0, 64.0, 0.5)],
+)
+def test_ticks_stand_as_close_as_they_may(extent: float, length: float, apart: float, expected: float) -> None:
+    assert step(extent, length, apart) == pytest.approx(expected)
