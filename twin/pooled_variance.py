@@ -1,8 +1,9 @@
 """The variance of each part's mean, from the main run and from what the pilot saw of it.
 
 A variance of 16 randomisations is uncertain by a third, and so is what follows from it. The pilot saw the same parts
-with other random numbers and fewer sight lines: smoothed over the plan (:mod:`twin.smooth_variance`) and carried over to
-the main run's number its variances are an estimate as good or better, but for what is wrong with the power of that number. How wrong it is shows in all geometries of a plan together:
+with other random numbers and fewer sight lines: smoothed over the plan (:mod:`twin.smooth_variance`) and carried over
+to the main run's number its variances are an estimate as good or better, but for what is wrong with the power of that
+number. How wrong it is shows in all geometries of a plan together:
 in the mean and in the scatter of the ratio of both variances, beyond chance (Smyth, "Linear models and empirical Bayes
 methods for assessing differential expression", Stat. Appl. Genet. Mol. Biol. 3, 2004). So the pilot counts by as many
 degrees of freedom as it deserves. Few geometries cannot tell; there it does not count.
