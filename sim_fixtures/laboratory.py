@@ -186,7 +186,9 @@ def _wait_until_ready(process: subprocess.Popen[bytes], log: Path) -> dict[str, 
         received += piece
     if b"\n" not in received:
         words = log.read_text(errors="replace").strip().splitlines()[-5:]
-        raise RuntimeError("the simulated laboratory did not start: " + ("; ".join(words) or f"it said nothing in {START_TIMEOUT:g} s"))
+        raise RuntimeError(
+            "the simulated laboratory did not start: " + ("; ".join(words) or f"it said nothing in {START_TIMEOUT:g} s")
+        )
     return dict(json.loads(received))
 
 

@@ -21,7 +21,8 @@ TEXTS = {
     "table.csv": "lambda,i,azimuth,e,r\n550,0,0,30,0.9\n550,0,0,40,0.9\n",
     "mapping.toml": 'form = "column mapping"\nversion = 1\n\n[columns]\nwavelength = { column = "lambda" }\n'
     'illumination_zenith = { column = "i" }\nillumination_azimuth = { column = "azimuth" }\n'
-    'sensor_zenith = { column = "e" }\nsensor_azimuth = { constant = 0 }\nbrf = { column = "r" }\nu_brf = { constant = 0.01 }\n',
+    'sensor_zenith = { column = "e" }\nsensor_azimuth = { constant = 0 }\n'
+    'brf = { column = "r" }\nu_brf = { constant = 0.01 }\n',
     "metadata.toml": 'form = "BiRD metadata"\nversion = 1\n\n[sample]\nname = "plate"\n',
     "material.toml": '[default]\nmodel = "lambertian"\nreflectance = 0.6\n',
     "corrections.toml": 'form = "corrections"\nversion = 1\n\n[[effects]]\neffect = "sample_height"\n'
