@@ -311,7 +311,9 @@ def test_a_scan_outlives_the_screen_and_a_new_window_joins_it(
     setup = Setup(simulate=True, runs=tmp_path)
     window = MainWindow(lambda listener, plan: RemoteController(listener, setup.content()), settings, setup=setup)
     qtbot.addWidget(window, before_close_func=lambda w: setattr(w.model, "connected", False))
-    window.show()
+    with qtbot.waitActive(window):
+        window.show()
+        window.activateWindow()
     window.join(RemoteController(window.bridge, folder=session.folder))
     model = window.model
     qtbot.waitUntil(lambda: model.state is State.PAUSED, timeout=LONG)
