@@ -360,6 +360,8 @@ def test_what_is_no_diagnosis_is_refused(named, capsys):
     (named / "d.json").write_text("[1, 2")
     assert "not JSON" in refused(capsys, named / "run.nc", "--diagnosis", named / "d.json")
     (named / "d.json").write_text("[1, 2]")
+    assert "found list" in refused(capsys, named / "run.nc", "--diagnosis", named / "d.json")
+    (named / "d.json").write_text("{}")
     assert "verdict: missing" in refused(capsys, named / "run.nc", "--diagnosis", named / "d.json")
 
 
