@@ -19,7 +19,7 @@ from twin.optics import Setup
 #: Errors of the sensor zenith that are rendered, degree; closer near 0, where most effects are.
 ZENITH_NODES = np.array([-5.0, -3.0, -1.8, -0.9, 0.0, 0.9, 1.8, 3.0, 5.0])
 #: Errors of the sensor azimuth that are rendered, degree.
-AZIMUTH_NODES = np.array([-15.0, -7.5, 0.0, 7.5, 15.0])
+AZIMUTH_NODES = np.linspace(-30.0, 30.0, 9)
 #: Least relative reading: the logarithm of nothing is no number.
 _LEAST = 1e-5
 _STEP = 1e-3

@@ -18,8 +18,8 @@ class IlluminationZenithOffset(SceneEffect):
 
     name = "illumination_zenith_offset"
     title = "zero of the illumination zenith off"
-    parameters = (Parameter("angle_deg", "degree", 1.9, (-5.0, 5.0), budget_of="facility.arms.u_illumination_zenith"),)
-    nodes: ClassVar = (5,)
+    parameters = (Parameter("angle_deg", "degree", 1.9, (-8.0, 8.0), budget_of="facility.arms.u_illumination_zenith"),)
+    nodes: ClassVar = (7,)
     confused_with = ("session_scale",)
     separated_by = "illumination zenith 60 degrees"
 
@@ -48,8 +48,8 @@ class SensorAzimuthOffset(SceneEffect):
 
     name = "sensor_azimuth_offset"
     title = "zero of the sensor azimuth off"
-    parameters = (Parameter("angle_deg", "degree", 8.0, (-15.0, 15.0), budget_of="facility.arms.u_sensor_azimuth"),)
-    nodes: ClassVar = (5,)
+    parameters = (Parameter("angle_deg", "degree", 8.0, (-30.0, 30.0), budget_of="facility.arms.u_sensor_azimuth"),)
+    nodes: ClassVar = (9,)
     confused_with = ("sample_azimuth",)
     separated_by = "a fine scan of the sensor azimuth across a lobe"
 

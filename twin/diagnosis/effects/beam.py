@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 from instrument.angles import FloatArray
+from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.effects.base import Known, Parameter, SceneEffect
 from twin.diagnosis.variation import Variation
 from twin.optics import Setup
+
+#: Share of the iris' radius by which it may be narrower.
+_OF_RADIUS = 0.65
 
 
 def _unbounded(known: Known) -> str:
@@ -36,13 +41,20 @@ class BeamRadius(SceneEffect):
 
     name = "beam_radius"
     title = "iris wider or narrower"
-    parameters = (Parameter("radius_mm", "mm", 1.0, (-1.5, 1.5)),)
-    nodes: ClassVar = (5,)
+    parameters = (Parameter("radius_mm", "mm", 1.0, (-3.5, 2.0)),)
+    nodes: ClassVar = (8,)
     confused_with = ("field_of_view",)
     separated_by = "the same scan with another iris"
 
     def not_applicable(self, known: Known) -> str:
         return _unbounded(known)
+
+    def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
+        (parameter,) = super().resolve(known, run)
+        diameter = known.facility.beam.diameter
+        if diameter == "unbounded":
+            return (parameter,)
+        return (replace(parameter, cap=(max(parameter.cap[0], -_OF_RADIUS * diameter / 2), parameter.cap[1])),)
 
     def variation(self, values: FloatArray) -> Variation:
         return Variation(Setup(beam_radius_mm=float(values[0])))
@@ -81,8 +93,8 @@ class AcceptanceAngle(SceneEffect):
 
     name = "acceptance_angle"
     title = "acceptance angle of the sensor larger or smaller"
-    parameters = (Parameter("radius_mm", "mm", 40.0, (-4.0, 40.0)),)
-    nodes: ClassVar = (5,)
+    parameters = (Parameter("radius_mm", "mm", 40.0, (-4.0, 60.0)),)
+    nodes: ClassVar = (7,)
     confused_with = ("beam_divergence",)
     separated_by = "a fine scan of the sensor zenith across a lobe"
 

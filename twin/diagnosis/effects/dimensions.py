@@ -73,15 +73,15 @@ class PlateThicknessChange(_Dimension):
 
     name = "plate_thickness"
     title = "plate thicker or thinner"
-    parameters = (Parameter("delta_mm", "mm", 0.13, (-0.4, 0.4)),)
-    nodes: ClassVar = (5,)
+    parameters = (Parameter("delta_mm", "mm", 0.13, (-0.4, 0.7)),)
+    nodes: ClassVar = (7,)
     confused_with = ("hole_diameter", "cavity_depth")
     separated_by = "illumination zenith 60 degrees"
 
     def limits(self, known: Known) -> tuple[float, float]:
         form = known.artifact.form
         gap = form.cavity_depth - form.plate_thickness
-        return -_OF_THICKNESS * form.plate_thickness, min(_OF_THICKNESS * form.plate_thickness, _OF_GAP * gap)
+        return -_OF_THICKNESS * form.plate_thickness, min(2 * _OF_THICKNESS * form.plate_thickness, _OF_GAP * gap)
 
     def budget(self, known: Known) -> float:
         return known.artifact.form.u_plate_thickness
@@ -95,15 +95,15 @@ class CavityDepthChange(_Dimension):
 
     name = "cavity_depth"
     title = "cavity deeper or shallower"
-    parameters = (Parameter("delta_mm", "mm", 0.17, (-0.7, 0.7)),)
-    nodes: ClassVar = (5,)
+    parameters = (Parameter("delta_mm", "mm", 0.17, (-0.7, 1.1)),)
+    nodes: ClassVar = (6,)
     confused_with = ("plate_thickness", "cavity_reflectance", "hole_diameter")
     separated_by = "illumination zenith 60 degrees"
 
     def limits(self, known: Known) -> tuple[float, float]:
         form = known.artifact.form
         gap = _OF_GAP * (form.cavity_depth - form.plate_thickness)
-        return -gap, gap
+        return -gap, 1.5 * gap
 
     def budget(self, known: Known) -> float:
         return known.artifact.form.u_cavity_depth

@@ -177,7 +177,7 @@ class AzimuthScale(AzimuthEffect):
     name = "azimuth_scale"
     title = "scale factor of the sensor's azimuth"
     catalogued = False
-    parameters = (Parameter("fraction", "1", 0.04, (-0.08, 0.08)),)
+    parameters = (Parameter("fraction", "1", 0.04, (-0.16, 0.16)),)
 
     def azimuth_error(self, run: Acquisition, values: FloatArray) -> FloatArray:
         azimuth = run.columns["sensor_azimuth"]

@@ -32,8 +32,8 @@ class SampleAzimuth(SceneEffect):
 
     name = "sample_azimuth"
     title = "sample turned about its normal"
-    parameters = (Parameter("angle_deg", "degree", 7.8, (-15.0, 15.0), budget_of="facility.sample.u_azimuth"),)
-    nodes: ClassVar = (5,)
+    parameters = (Parameter("angle_deg", "degree", 7.8, (-45.0, 45.0), budget_of="facility.sample.u_azimuth"),)
+    nodes: ClassVar = (13,)
     confused_with = ("sensor_azimuth_offset",)
     separated_by = "a fine scan of the sensor azimuth across a lobe of the lattice"
 
