@@ -14,6 +14,7 @@ import xarray as xr
 from instrument.angles import FloatArray
 from twin.corrections import Correction, Corrections
 from twin.diagnosis.diagnose import Diagnosis
+from twin.diagnosis.effects import Parameter
 from twin.diagnosis.followup import unresolved
 from twin.diagnosis.unknown import RESPONSE_ERROR
 from twin.diagnosis.verdict import Named
@@ -83,15 +84,21 @@ def made_with(diagnosis: Diagnosis) -> dict[str, Any]:
 def parameters(diagnosis: Diagnosis, named: Named) -> dict[str, dict[str, float]]:
     """Refitted parameters with their standard uncertainties, and what the budget states of them.
 
-    The uncertainty of a fit takes the twin's response to the effect for exact; what that is wrong by changes the
-    parameter in proportion.
+    The uncertainty of a fit takes the twin's response to the effect for exact, and its law for the true one; what they
+    are wrong by changes the parameters in proportion.
     """
-    found = diagnosis.prepared.responses.found[named.effect].parameters
+    response = diagnosis.prepared.responses.found[named.effect]
+    error = max(RESPONSE_ERROR, response.effect.form_error)
     return {
-        p.name: {"value": float(value), "u": float(np.hypot(u, RESPONSE_ERROR * (value - p.nominal)))}
+        p.name: {"value": float(value), "u": float(np.hypot(u, error * _size(p, value)))}
         | ({"budget": p.budget} if p.budget > 0 else {})
-        for p, value, u in zip(found, named.values, named.u, strict=True)
+        for p, value, u in zip(response.parameters, named.values, named.u, strict=True)
     }
+
+
+def _size(parameter: Parameter, value: float) -> float:
+    """What an error in proportion is in proportion to: a width or a length has its zero at 0, whatever is nominal."""
+    return value if parameter.shape and parameter.cap[0] > 0 else value - parameter.nominal
 
 
 def next_scans(diagnosis: Diagnosis) -> list[dict[str, Any]]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
+from twin.diagnosis.effects import effect
 from twin.diagnosis.joint import dimmed
+from twin.diagnosis.outcome import parameters
 from twin.rounding import chance_of, with_u
 
 
@@ -36,3 +40,26 @@ def test_dimmed_light_weakens_a_nonlinearity_by_its_power_and_nothing_else():
     values = np.array([[0.08, 1.0], [0.08, 2.0], [0.08, 0.5]])
     np.testing.assert_allclose(dimmed("detector_nonlinearity", values, 0.25)[:, 0], [0.02, 0.005, 0.04])
     np.testing.assert_array_equal(dimmed("stray_light", values, 0.25), values)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        # The response's own error, 12 % of the change: 0.12 * 0.1.
+        ("reflectance_scale", (1.1,), {"ratio": 0.012}),
+        # Another law of like form, 30 %: of a width the zero is at 0, not at the nominal 10 degrees.
+        ("retroreflection", (0.1, 12.0), {"amplitude": 0.03, "width_deg": 3.6}),
+        # A direction knows no proportion, but from its nominal value.
+        ("anisotropy", (0.1, 0.0), {"amplitude": 0.012, "axis_deg": 0.0}),
+    ],
+)
+def test_parameters_are_as_uncertain_as_the_law_they_assume(
+    name: str, values: tuple[float, ...], said: dict[str, float]
+):
+    one = effect(name)
+    some = one.parameters[: len(values)]
+    response = SimpleNamespace(effect=one, parameters=some)
+    diagnosis = SimpleNamespace(prepared=SimpleNamespace(responses=SimpleNamespace(found={name: response})))
+    named = SimpleNamespace(effect=name, values=values, u=(0.0,) * len(values))
+    found = parameters(diagnosis, named)  # type: ignore[arg-type]
+    assert {key: entry["u"] for key, entry in found.items()} == pytest.approx(said)

@@ -86,6 +86,8 @@ class Effect(ABC):
         Whether the data contract names the effect; another cause is told as a suspicion, not named.
     shapes
         Values of every parameter of shape from which fits start.
+    form_error
+        Relative standard uncertainty of the parameters because another law of like form may hold.
     """
 
     name: ClassVar[str]
@@ -96,6 +98,7 @@ class Effect(ABC):
     separated_by: ClassVar[str] = ""
     catalogued: ClassVar[bool] = True
     shapes: ClassVar[int] = 6
+    form_error: ClassVar[float] = 0.0
 
     def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
         """The parameters, with budgets from the inputs, and for some effects of number and caps that depend on them."""

@@ -21,10 +21,15 @@ _CAVITY = (Surface.FLOOR, Surface.UNDERSIDE, Surface.SPACER)
 #: Share of the light that a lobe of amplitude 1 reflects at most.
 _LOBE_REFLECTANCE = {"retroreflection": 0.6, "specular_lobe": 1.0}
 _LEAST_ROOM = 0.01
+#: Laws of lobes and of steps inside a coating are several (GGX or Beckmann facets, exponential or normal peaks and
+#: steps); amplitude and width of one fitted to another differ by some tens of per cent.
+_FORM_ERROR = 0.3
 
 
 class _Lobe(SceneEffect):
     """A lobe on top of the coating; with it no more light may leave the coating than it receives."""
+
+    form_error = _FORM_ERROR
 
     def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
         amplitude, shape = super().resolve(known, run)
@@ -127,6 +132,7 @@ class Translucency(SceneEffect):
         Parameter("fraction", "1", 0.2, (0.0, 1.0)),
     )
     nodes: ClassVar = (6, 3)
+    form_error = _FORM_ERROR
     confused_with = ("field_of_view", "cavity_reflectance", "detector_nonlinearity", "edge_chamfer")
     separated_by = "a pencil of light scanned across an edge, or the same scan with a smaller iris"
 
