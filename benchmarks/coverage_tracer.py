@@ -90,8 +90,9 @@ def some_geometries(number: int, seed: int = 5) -> dict[str, NDArray[np.float64]
 def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description="Are the ray tracer's error bars honest?")
-    for name in ("facility", "artifact", "material"):
-        parser.add_argument(f"--{name}", type=Path, required=True)
+    parser.add_argument("--facility", type=Path, required=True)
+    parser.add_argument("--artifact", type=Path, required=True)
+    parser.add_argument("--material", type=Path, required=True)
     parser.add_argument(
         "--points", type=int, default=56, help="geometries of Table IV; from 40 on the pilot's variances count"
     )
