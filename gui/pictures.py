@@ -85,7 +85,7 @@ def _measure(folder: Path) -> Path:
 
 def _diagnose(run: Path) -> None:
     command = [sys.executable, "-m", "instrument", "diagnose", str(run), "--json", str(run / DIAGNOSIS_NAME)]
-    command += ["--report", str(run / REPORT_NAME), "--save-twin", str(run / TWIN_NAME)]
+    command += ["--report", str(run / REPORT_NAME), "--save-twin", str(run / TWIN_NAME), "--force"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 

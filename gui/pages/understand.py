@@ -364,7 +364,8 @@ def _arguments(folder: Path, so_far: Path) -> list[str]:
             words_ += [option, str(path)]
         words_ += ["--material", str(material_of(folder))]
     words_ += ["--json", str(folder / DIAGNOSIS_NAME), "--report", str(folder / REPORT_NAME)]
-    return [*words_, "--save-twin", str(folder / TWIN_NAME)]
+    # Diagnosing a run again is asked for: the earlier answer stands on the page.
+    return [*words_, "--save-twin", str(folder / TWIN_NAME), "--force"]
 
 
 PAGE = UnderstandPage

@@ -89,6 +89,8 @@ def test_a_run_is_understood_corrected_and_followed_up(
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
     opened: list[QUrl] = []
     monkeypatch.setattr(QDesktopServices, "openUrl", opened.append)
+    for name in ("diagnosis.html", "corrected-twin.toml"):
+        (run / name).write_text("of an earlier diagnosis, which this one replaces")
     window = make_stage(setup=Setup(simulate=True, runs=tmp_path)).window
     window.show_page("understand")
     page: Any = window.page("understand")
@@ -114,6 +116,7 @@ def test_a_run_is_understood_corrected_and_followed_up(
     # The report, the corrected twin, the next plan
     page.report.click()
     assert opened == [QUrl.fromLocalFile(str((run / "diagnosis.html").resolve()))]
+    assert (run / "diagnosis.html").read_text().startswith("<!DOCTYPE html>")
     page.apply.click()
     assert window.setup.request().corrections == (run / "corrected-twin.toml").resolve()
     [effect] = read_corrections(run / "corrected-twin.toml").effects

@@ -89,8 +89,8 @@ FINDS_NOTHING = """
 import json, sys
 from pathlib import Path
 import h5py
-given = dict(zip(sys.argv[3::2], sys.argv[4::2], strict=True))
-assert sys.argv[1] == "diagnose" and Path(given["--facility"]).is_file()
+given = dict(zip(sys.argv[3:-1:2], sys.argv[4:-1:2], strict=True))
+assert sys.argv[1] == "diagnose" and sys.argv[-1] == "--force" and Path(given["--facility"]).is_file()
 with h5py.File(sys.argv[2]) as run:
     found = {"verdict": "none", "measured": run["brf"][:].tolist(), "file": sys.argv[2]}
 Path(given["--json"]).write_text(json.dumps(found))

@@ -22,6 +22,11 @@ RUN = FILES.material
 OUTPUTS: list[tuple[str, tuple[object, ...], str]] = [
     ("predict", (FILES.plan, *INPUTS, "--out"), ".nc"),
     ("compare", (RUN, *INPUTS, "--figures"), "/"),
+    ("diagnose", (RUN, *INPUTS, "--json"), ".toml"),
+    ("diagnose", (RUN, *INPUTS, "--prediction"), ".nc"),
+    ("diagnose", (RUN, *INPUTS, "--report"), ".html"),
+    ("diagnose", (RUN, *INPUTS, "--save-twin"), ".toml"),
+    ("diagnose", (RUN, *INPUTS, "--plans"), "/"),
     ("report", (RUN, "--out"), ".html"),
     ("report", (RUN, "--out", "new.html", "--pdf"), ".pdf"),
     ("report", (RUN, "--out", "new.html", "--figures"), "/"),
@@ -40,9 +45,9 @@ OUTPUTS: list[tuple[str, tuple[object, ...], str]] = [
     ("devices simulate", ("--out",), "/"),
 ]
 #: A run folder is never written into twice (test_run_safety.py); sets of cases go on where they stopped; a chart and
-#: a store are tried with theirs (test_procedures_standing.py, test_exchange_stores.py); the diagnosis replaces.
-ELSEWHERE = {"scan", "gui", "cases make", "blind-check", "calibrate chart", "exchange push", "diagnose"}
-WRITING = {"--out", "--figures", "--pdf", "--save-twin", "--report", "--plans", "out", "url", "folder"}
+#: a store are tried with theirs (test_procedures_standing.py, test_exchange_stores.py).
+ELSEWHERE = {"scan", "gui", "cases make", "blind-check", "calibrate chart", "exchange push"}
+WRITING = {"--out", "--figures", "--pdf", "--prediction", "--save-twin", "--report", "--plans", "out", "url", "folder"}
 
 
 @cache

@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from instrument.options import Force
+
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from twin.diagnosis.diagnose import Diagnosis
     from twin.diagnosis.parity import Parity
     from twin.diagnosis.preparation import Inputs
@@ -70,19 +74,13 @@ def diagnose_command(
     wavelength: Annotated[
         float | None, typer.Option(help="Test the symmetries at this wavelength alone, nm.", show_default=False)
     ] = None,
+    force: Force = False,
 ) -> None:
     """Say where a run and its simulation differ, which effect causes it, and how far the gap shrinks once it is added.
 
     Without --artifact, --material and --facility the run's symmetries alone are tested, which needs no simulation.
     """
-    from instrument.errors import InputError
-    from instrument.output import check_writable
-
-    for file in (json, prediction, report, save_twin):
-        if file is not None:
-            check_writable(file)
-    if plans is not None and plans.exists() and not plans.is_dir():
-        raise InputError(f"{plans}: is a file; expected a folder for the plans, which may be a new one")
+    _check_outputs(json, (prediction, report, save_twin), plans, force)
     inputs = _inputs(runs[0], {"facility": facility, "artifact": artifact, "material": material})
     if inputs is None or columns is not None:
         outputs = {"--prediction": prediction, "--report": report, "--save-twin": save_twin, "--plans": plans}
@@ -103,6 +101,18 @@ def diagnose_command(
 
         write_report(diagnosis, found, report)
         typer.echo(f"written: {report}")
+
+
+def _check_outputs(json: Path | None, files: Sequence[Path | None], plans: Path | None, force: bool) -> None:
+    """Before any work: what cannot be written, or would replace something."""
+    from instrument.output import check_json, check_new, check_new_folder
+
+    check_json(json)
+    for file in files:
+        if file is not None:
+            check_new(file, force)
+    if plans is not None:
+        check_new_folder(plans, force)
 
 
 def _save_twin(diagnosis: Diagnosis, file: Path) -> None:
