@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QPointF, QSize, Qt, QTimer
-from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtCore import QPointF, Qt, QTimer
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF
 
 from gui import words
-from gui.solid.geometry import SAMPLE, Stance, between
+from gui.solid.geometry import SAMPLE, Camera, Stance, between
+from gui.solid.turning import TurnedByHand
 from gui.theme import Theme
 from instrument import angles
 
@@ -24,7 +24,6 @@ Vector = tuple[float, float, float]
 
 _FRAME_MS = 40
 _MOVE_WALL = 0.5  # seconds in which the picture follows a move, however long the arms take
-_VIEW = (-62.0, 24.0)  # azimuth and height from which one looks, degree
 _BEAM = 0.05  # half-width of the drawn beam, arm lengths
 
 
@@ -56,25 +55,20 @@ def sample_of(run_dir: Path) -> Sample:
     return Sample(artifact.form.outline, tuple(rows))
 
 
-class ArmsView(QWidget):
+class ArmsView(TurnedByHand):
     """A picture of the instrument in a pose; drag, or use the arrow keys, to look from elsewhere."""
 
     def __init__(self, theme: Theme) -> None:
-        super().__init__()
+        super().__init__("Arms, beam and sample; arrow keys turn the view")
         self.theme = theme
         self.pose: Stance | None = None
         self._from: Stance | None = None
         self._to: Stance | None = None
         self._share = 1.0
-        self._view = list(_VIEW)
-        self._drag: QPointF | None = None
+        self._seen_from = (Camera().azimuth, Camera().height)
         self._ground: tuple[Any, QPixmap] | None = None
         self.light = False
         self.sample = Sample()
-        self.setMinimumSize(QSize(260, 220))
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setAccessibleName("Arms, beam and sample; arrow keys turn the view")
         self._clock = QTimer(self)
         self._clock.setInterval(_FRAME_MS)
         self._clock.timeout.connect(self._step)
@@ -105,7 +99,8 @@ class ArmsView(QWidget):
         self.update()
 
     def _project(self, point: Vector) -> QPointF:
-        turn_rad, height_rad = math.radians(self._view[0]), math.radians(self._view[1])
+        azimuth, height = self._seen_from
+        turn_rad, height_rad = math.radians(-90.0 - azimuth), math.radians(height)
         x, y, z = point
         across = x * math.cos(turn_rad) - y * math.sin(turn_rad)
         depth = x * math.sin(turn_rad) + y * math.cos(turn_rad)
@@ -128,7 +123,7 @@ class ArmsView(QWidget):
     def _still(self) -> QPixmap:
         """What does not move, drawn once for a view."""
         turn = self.pose.sample_turn if self.pose is not None else 0.0
-        key = (self.size(), tuple(self._view), self.theme, self.devicePixelRatioF(), self.sample, turn)
+        key = (self.size(), self._seen_from, self.theme, self.devicePixelRatioF(), self.sample, turn)
         if self._ground is None or self._ground[0] != key:
             picture = QPixmap(self.size() * key[3])
             picture.setDevicePixelRatio(key[3])
@@ -221,41 +216,11 @@ class ArmsView(QWidget):
         above = 26 if name == "light" else 0  # the two labels never stand on each other
         painter.drawText(head + QPointF(16 if right else -16 - width, 5 - above), label)
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin to turn the view."""
-        self._drag = event.position()
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Turn the view."""
-        if self._drag is not None:
-            moved = event.position() - self._drag
-            self._drag = event.position()
-            self._turn(moved.x() * 0.5, moved.y() * 0.4)
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """The view stays as it is."""
-        self._drag = None
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Turn the view with the arrow keys."""
-        turns = {
-            Qt.Key.Key_Left: (-8.0, 0.0),
-            Qt.Key.Key_Right: (8.0, 0.0),
-            Qt.Key.Key_Up: (0.0, 6.0),
-            Qt.Key.Key_Down: (0.0, -6.0),
-        }
-        key = Qt.Key(event.key())
-        if key in turns:
-            self._turn(*turns[key])
-        else:
-            super().keyPressEvent(event)
-
     def look_from(self, azimuth: float, height: float) -> None:
         """Look from a direction, degree."""
-        self._view = [-90.0 - azimuth, 0.0]
-        self._turn(0.0, height)
-
-    def _turn(self, across: float, up: float) -> None:
-        self._view[0] = (self._view[0] + across) % 360.0
-        self._view[1] = min(max(self._view[1] + up, 4.0), 88.0)
+        self._seen_from = (azimuth % 360.0, min(max(height, 4.0), 88.0))
         self.update()
+
+    def turn(self, azimuth: float, height: float) -> None:
+        """Look from a little elsewhere."""
+        self.look_from(self._seen_from[0] + azimuth, self._seen_from[1] + height)

@@ -7,23 +7,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import (
-    QColor,
-    QImage,
-    QKeyEvent,
-    QMouseEvent,
-    QPainter,
-    QPaintEvent,
-    QResizeEvent,
-    QShowEvent,
-    QWheelEvent,
-)
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtCore import QPointF, QRectF, Qt, QTimer, Signal
+from PySide6.QtGui import QColor, QImage, QKeyEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent, QWheelEvent
+from PySide6.QtWidgets import QWidget
 
 from gui import words
 from gui.solid.geometry import SEEN, SURFACES, Camera, Stance, between
 from gui.solid.renderer import Renderer
+from gui.solid.turning import TurnedByHand
 from gui.theme import Theme
 
 _EVERY_MS = 100  # between two pictures, at least
@@ -33,9 +24,10 @@ _STILL_WALL, _QUICK_WALL = 0.4, 0.35  # a fine picture of what stands still so l
 _SLOW_WALL, _SLOW = 3.0, 3  # so many pictures in a row that take so long are too slow to be of use
 _MOST_PIXELS = 1.2e6
 _ZOOMS = (0.5, 12.0)
+_ZOOM_KEYS = {Qt.Key.Key_Plus: 1.25, Qt.Key.Key_Equal: 1.25, Qt.Key.Key_Minus: 0.8}
 
 
-class SolidView(QWidget):
+class SolidView(TurnedByHand):
     """A rendered picture of the instrument.
 
     Signals
@@ -50,7 +42,7 @@ class SolidView(QWidget):
     failed = Signal(str)
 
     def __init__(self, theme: Theme, renderer: Renderer | None = None) -> None:
-        super().__init__()
+        super().__init__("Arms, beam, sample and detector; arrow keys turn, plus and minus zoom")
         self.theme = theme
         self.picture: QImage | None = None
         self.problem = ""
@@ -67,11 +59,6 @@ class SolidView(QWidget):
         self._places: dict[str, tuple[float, float]] = {}
         self._shown: Stance | None = None
         self._seconds, self._slow = 0.0, 0
-        self._drag: QPointF | None = None
-        self.setMinimumSize(QSize(260, 220))
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setAccessibleName("Arms, beam, sample and detector; arrow keys turn, plus and minus zoom")
         self._clock = QTimer(self)
         self._clock.setInterval(_EVERY_MS)
         self._clock.timeout.connect(self._tick)
@@ -274,47 +261,23 @@ class SolidView(QWidget):
         super().resizeEvent(event)
         self._stir()
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin to turn the view."""
-        self._drag = event.position()
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Turn the view."""
-        if self._drag is not None:
-            moved = event.position() - self._drag
-            self._drag = event.position()
-            self._turn(-0.5 * moved.x(), 0.4 * moved.y())
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """The view stays as it is."""
-        self._drag = None
-
     def wheelEvent(self, event: QWheelEvent) -> None:
         """Look from nearer or from farther away."""
         self._zoom(1.0015 ** event.angleDelta().y())
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Turn the view with the arrow keys, zoom with plus and minus."""
-        turns = {
-            Qt.Key.Key_Left: (-8.0, 0.0),
-            Qt.Key.Key_Right: (8.0, 0.0),
-            Qt.Key.Key_Up: (0.0, 6.0),
-            Qt.Key.Key_Down: (0.0, -6.0),
-        }
-        zooms = {Qt.Key.Key_Plus: 1.25, Qt.Key.Key_Equal: 1.25, Qt.Key.Key_Minus: 0.8}
-        key = Qt.Key(event.key())
-        if key in turns:
-            self._turn(*turns[key])
-        elif key in zooms:
-            self._zoom(zooms[key])
-        else:
+        """Zoom with plus and minus, turn with the arrow keys."""
+        factor = _ZOOM_KEYS.get(Qt.Key(event.key()))
+        if factor is None:
             super().keyPressEvent(event)
+        else:
+            self._zoom(factor)
 
-    def _turn(self, across: float, up: float) -> None:
+    def turn(self, azimuth: float, height: float) -> None:
         """An arm's own view is left for a free one."""
         camera = self.camera if self.camera.view == "free" else Camera()
-        height = min(max(camera.height + up, -5.0), 90.0)
-        self.look(camera._replace(azimuth=(camera.azimuth + across) % 360.0, height=height))
+        up = min(max(camera.height + height, -5.0), 90.0)
+        self.look(camera._replace(azimuth=(camera.azimuth + azimuth) % 360.0, height=up))
 
     def _zoom(self, factor: float) -> None:
         least, most = _ZOOMS

@@ -96,7 +96,7 @@ def test_a_run_is_understood_corrected_and_followed_up(
     page: Any = window.page("understand")
     start = page._child.run
     monkeypatch.setattr(
-        page._child, "run", lambda module, words: start("few_effects", [*words, "--cache", tmp_path / "c"])
+        page._child, "run", lambda module, words: start("few_effects", [*words, "--cache", str(tmp_path / "c")])
     )
     page.line.setText(str(run))
     page.line.editingFinished.emit()

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtGui import QKeyEvent, QMouseEvent
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.comparison import score
@@ -32,6 +34,7 @@ from gui.solid.geometry import (
     reported,
     sample_placement,
 )
+from gui.solid.lines import direction
 from gui.solid.renderer import Renderer
 from gui.solid.view import SolidView
 from gui.theme import LIGHT
@@ -149,6 +152,40 @@ def test_presets_have_keys_and_buttons(panel: ArmsPanel, qtbot: QtBot) -> None:
         assert panel.solid.camera.view == view
     panel.buttons["Above"].click()
     assert (panel.solid.camera.view, panel.solid.camera.height) == ("free", 90.0)
+
+
+def drag(view: Any, across: float, down: float) -> None:
+    left, none = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+    there = QPointF(50 + across, 50 + down)
+    steps = {QEvent.Type.MouseButtonPress: QPointF(50, 50), QEvent.Type.MouseMove: there}
+    for kind, at in (steps | {QEvent.Type.MouseButtonRelease: there}).items():
+        QApplication.sendEvent(view, QMouseEvent(kind, at, at, left, left, none))
+
+
+def press(view: Any, key: Qt.Key) -> None:
+    QApplication.sendEvent(view, QKeyEvent(QEvent.Type.KeyPress, key, Qt.KeyboardModifier.NoModifier))
+
+
+def test_mouse_and_arrow_keys_turn_lines_and_rendered_picture_alike(panel: ArmsPanel) -> None:
+    def seen_from() -> list[float]:
+        (azimuth, height), camera = panel.lines._seen_from, panel.solid.camera
+        assert [azimuth % 360, height] == pytest.approx([camera.azimuth % 360, camera.height])
+        return [azimuth % 360, height]
+
+    azimuth, height = seen_from()
+    front = direction(90.0, azimuth)  # what stands before the eye
+    middle = panel.lines._project(front)
+    for view in (panel.lines, panel.solid):
+        drag(view, 40.0, 20.0)
+    assert seen_from() == pytest.approx([azimuth - 20.0, height + 8.0])
+    assert panel.lines._project(front).x() > middle.x() + 10  # it follows the mouse
+    assert panel.lines._project(front).y() > middle.y() + 5
+    for key in (Qt.Key.Key_Left, Qt.Key.Key_Left, Qt.Key.Key_Down):
+        for view in (panel.lines, panel.solid):
+            press(view, key)
+    assert seen_from() == pytest.approx([azimuth - 36.0, height + 2.0])
+    press(panel.solid, Qt.Key.Key_Plus)
+    assert panel.solid.camera.zoom == 1.25
 
 
 def serving(tmp_path: Path, body: str) -> list[str]:
