@@ -10,11 +10,12 @@ import typer
 from typer.testing import CliRunner
 
 from drivers.check import check_devices
-from drivers.commands import check
 from drivers.configuration import connect, endpoints, read_devices
 from drivers.errors import ConfigurationError
 from drivers.interfaces import ROLES
 from drivers.lock import InstrumentBusy, InstrumentLock
+from instrument.devices_command import check
+from instrument.errors import InputError
 
 
 @pytest.fixture
@@ -60,6 +61,15 @@ def test_a_wrong_file_is_one_message(app: typer.Typer, tmp_path: Path) -> None:
     outcome = CliRunner().invoke(app, ["--devices", str(tmp_path / "nothing.toml")])
     assert isinstance(outcome.exception, ConfigurationError)  # status 2: tests/instrument/test_cli.py
     assert "nothing.toml: No such file or directory" in str(outcome.exception)
+
+
+def test_what_is_no_json_is_kept_and_no_device_is_asked(app: typer.Typer, tmp_path: Path) -> None:
+    file = tmp_path / "devices.toml"
+    file.write_text("form = 1\n")
+    outcome = CliRunner().invoke(app, ["--devices", str(file), "--json", str(file)])
+    assert isinstance(outcome.exception, InputError)
+    assert "devices.toml: exists already and is no JSON file" in str(outcome.exception)
+    assert file.read_text() == "form = 1\n"
 
 
 def test_devices_that_another_program_holds_are_told(devices: Path, app: typer.Typer, tmp_path: Path) -> None:
