@@ -17,6 +17,7 @@ import math
 import os
 import resource
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -47,6 +48,7 @@ from instrument.events import (
 )
 
 START = datetime(2026, 3, 2, 9, 0, tzinfo=UTC)
+_HOME = tempfile.TemporaryDirectory(prefix="goniotwin-window-")  # Qt would put a file in the place of /dev/null
 _SLOW_MS = 50.0
 _SLOWEST = 12  # passes that are reported one by one
 _TURN_MS = 3000
@@ -183,7 +185,7 @@ def play(window: MainWindow, lines: list[bytes], rate: float, done: threading.Ev
 
 def opened() -> MainWindow:
     """The window as the command opens it, with every page laid out."""
-    settings = QSettings(os.devnull, QSettings.Format.IniFormat)
+    settings = QSettings(str(Path(_HOME.name) / "settings.ini"), QSettings.Format.IniFormat)
     window = MainWindow(lambda listener, plan: NoScan(), settings, setup=Setup(simulate=True))
     keep_collections_short(window)
     Collector(window)

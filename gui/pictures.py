@@ -98,7 +98,8 @@ def take(run: Path, understood: Path, folder: Path, scale: int) -> None:
     from gui.window import MainWindow
 
     application = start_application()
-    settings = QSettings(os.devnull, QSettings.Format.IniFormat)
+    # In this process's own folder, a file for each scale. (Of a device's name, /dev/null say, Qt makes a file.)
+    settings = QSettings(str(Path(f"settings-{scale}.ini").absolute()), QSettings.Format.IniFormat)
     setup = Setup(simulate=True, speed=60.0, runs=run.parent, operator="A. Operator", sample="artifact no. 1")
     setup.use_examples()
     window = MainWindow(_nothing, settings, setup=setup)

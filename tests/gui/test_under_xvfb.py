@@ -33,7 +33,7 @@ from PySide6.QtCore import QSettings, QTimer
 from gui.application import start_application
 from gui.window import MainWindow
 application = start_application()
-window = MainWindow(None, QSettings("/dev/null", QSettings.Format.IniFormat))
+window = MainWindow(None, QSettings(sys.argv[1], QSettings.Format.IniFormat))
 window.show()
 def look():
     print(application.platformName(), window.windowHandle().isExposed(), application.primaryScreen().size().width())
@@ -101,8 +101,8 @@ def on(display: str, *command: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_window_stands_on_the_screen_and_is_steered_there(display: str) -> None:
-    shown = on(display, "-c", SHOWN)
+def test_the_window_stands_on_the_screen_and_is_steered_there(display: str, tmp_path: Path) -> None:
+    shown = on(display, "-c", SHOWN, str(tmp_path / "settings.ini"))
     assert shown.returncode == 0, shown.stderr
     platform, pixel = shown.stdout.splitlines()
     assert platform == "xcb True 1600"
