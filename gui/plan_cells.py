@@ -83,11 +83,11 @@ class PlanDraft:
         InputError
             If it cannot be read, or is no TOML.
         """
+        from instrument.files import text_of
+
         try:
-            return cls(tomllib.loads(path.read_text(encoding="utf-8")), path)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            return cls(tomllib.loads(text_of(path)), path)
+        except tomllib.TOMLDecodeError as error:
             raise InputError(f"{path}: {error}") from None
 
     @property
@@ -123,12 +123,9 @@ class PlanDraft:
         InputError
             If the file cannot be written.
         """
-        from instrument.files import write_atomically
+        from instrument.output import write_result
 
-        try:
-            write_atomically(path, self.text().encode())
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        write_result(path, self.text().encode())
         self.path = path
 
 

@@ -55,10 +55,17 @@ def text_of(path: Path, expected: str = "", encoding: str = "utf-8") -> str:
     InputError
         Naming the file: missing, a folder, unreadable, no text.
     """
+    with reading(path, expected):
+        return path.read_text(encoding=encoding)
+
+
+@contextlib.contextmanager
+def reading(path: Path, expected: str = "") -> Iterator[None]:
+    """Say of a file that cannot be read what is wrong with it; parameters and errors as :func:`text_of`."""
     wanted = f"; expected {expected}" if expected else ""
     try:
-        return path.read_text(encoding=encoding)
-    except FileNotFoundError:
+        yield
+    except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: no such file{wanted}") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder{wanted}") from None
@@ -79,8 +86,8 @@ def json_object(path: Path, expected: str) -> dict[str, Any]:
     return content
 
 
-#: Marks a run folder.
-_JOURNAL = "journal.jsonl"
+#: Name of the journal; what holds one is a run folder.
+JOURNAL_NAME = "journal.jsonl"
 
 
 def beside(path: Path, name: str, key: str) -> Path:
@@ -103,7 +110,7 @@ def beside(path: Path, name: str, key: str) -> Path:
     """
     target = path.parent / name
     home = path.parent.resolve()
-    if (home / _JOURNAL).exists() and home not in target.resolve().parents:
+    if (home / JOURNAL_NAME).exists() and home not in target.resolve().parents:
         raise InputError(f"{path}: {key}: found {name!r}; expected a file in this run folder")
     return target
 

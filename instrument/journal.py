@@ -22,11 +22,10 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from instrument.errors import InputError
-from instrument.files import sync_folder
+from instrument.files import JOURNAL_NAME as JOURNAL_NAME
+from instrument.files import reading, sync_folder
 from instrument.records import RECORDS
 
-#: Name of the journal inside a run folder.
-JOURNAL_NAME = "journal.jsonl"
 FORMAT, VERSION = "goniotwin-journal", 1
 _CHAIN_KEY = b',"chain":"'
 _CHAIN_TAIL = len(_CHAIN_KEY) + 64 + len('"}')
@@ -279,12 +278,8 @@ def read_journal(path: Path) -> JournalContent:
     """
     if path.is_dir():
         path = path / JOURNAL_NAME
-    try:
+    with reading(path, "the journal of a run"):
         data = path.read_bytes()
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{path}: no such file; expected the journal of a run") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     *complete, tail = data.split(b"\n")
     if not complete:
         raise InputError(f"{path}: no complete line; expected the journal of a run, whose first line is its header")

@@ -23,9 +23,19 @@ def write_json(path: Path, content: Any, *, force: bool = False) -> None:
     """
     if not force:
         check_json(path)
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    write_result(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def write_result(path: Path, content: bytes) -> None:
+    """Write a whole file, atomically.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
     try:
-        write_atomically(path, text.encode())
+        write_atomically(path, content)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 

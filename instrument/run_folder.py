@@ -11,9 +11,10 @@ import tomli_w
 from instrument.artifact import read_artifact
 from instrument.errors import InputError
 from instrument.facility import read_facility
-from instrument.files import sync_folder, write_atomically
+from instrument.files import reading, sync_folder
 from instrument.forms import read_toml
 from instrument.journal import JOURNAL_NAME
+from instrument.output import write_result
 from instrument.plan_text import self_contained
 from instrument.request import (
     ARTIFACT_NAME,
@@ -87,20 +88,15 @@ def copy_file(source: Path, folder: Path, name: str) -> Path:
     """
     if Path(name).name != name:
         raise InputError(f"{source}: its copy would be called {name!r}; expected a name without folders")
-    try:
+    with reading(source):
         content = source.read_bytes()
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read: {error.strerror}") from None
     return _write_new(folder / name, content, str(source))
 
 
 def _write_new(target: Path, content: bytes, source: str) -> Path:
     if target.exists():
         raise InputError(f"{source}: its copy would replace {target.name}, which the run folder needs; rename it")
-    try:
-        write_atomically(target, content)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
+    write_result(target, content)
     return target
 
 

@@ -21,9 +21,9 @@ from instrument.artifact import ArtifactDimensions, read_artifact
 from instrument.errors import InputError
 from instrument.events import Geometry
 from instrument.facility import Facility, read_facility
-from instrument.files import write_atomically
 from instrument.forms import Form, read_form
 from instrument.lambertian import lambertian_flux
+from instrument.output import write_result
 from twin.diagnosis.acquisition import Acquisition, travel_direction
 from twin.diagnosis.effects import (
     AzimuthEffect,
@@ -79,10 +79,10 @@ def read_corrections(path: Path) -> Corrections:
 
 
 def write_corrections(corrections: Corrections, path: Path) -> None:
-    """Write a corrections file, atomically."""
+    """Write a corrections file; as :func:`instrument.output.write_result`."""
     import tomli_w
 
-    write_atomically(path, tomli_w.dumps(corrections.model_dump(mode="json")).encode())
+    write_result(path, tomli_w.dumps(corrections.model_dump(mode="json")).encode())
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from instrument.errors import InputError
-from instrument.files import write_atomically
+from instrument.output import write_result
 from twin.material import Material
 from twin.reflection_models.measured import MeasuredBrdf
 from twin.reflection_models.tensor_file import MAGIC
@@ -83,7 +83,7 @@ def write_bsdf(material: Material, path: Path, wavelengths: Sequence[float] | No
     """
     chosen = material.wavelengths if wavelengths is None else np.sort(np.asarray(wavelengths, dtype=float))
     nodes = [400.0, 800.0] if chosen is None else [float(value) for value in chosen]
-    write_atomically(path, _tensor_file(bsdf_fields(material, nodes, surface)))
+    write_result(path, _tensor_file(bsdf_fields(material, nodes, surface)))
 
 
 def bsdf_error(material: Material, path: Path, samples: int = 4000) -> tuple[float, float]:

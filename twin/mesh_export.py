@@ -11,7 +11,7 @@ import numpy as np
 
 from instrument.artifact import ArtifactDimensions
 from instrument.errors import InputError
-from instrument.files import write_atomically
+from instrument.output import write_result
 from twin.artifact import HOLE_SIDES, SurfaceMesh, build_mesh
 from twin.openscad import openscad_of_dimensions, openscad_of_mesh
 
@@ -55,7 +55,7 @@ def export_artifact(dimensions: ArtifactDimensions, path: Path, *, sides: int = 
     if path.suffix.lower() == SOURCE_SUFFIX:
         from_mesh = dimensions.mesh is not None
         text = openscad_of_mesh(mesh) if from_mesh else openscad_of_dimensions(dimensions, sides)
-        _write(path, text.encode())
+        write_result(path, text.encode())
     else:
         write_mesh(mesh, path)
     return mesh
@@ -75,20 +75,13 @@ def write_mesh(mesh: SurfaceMesh, path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in writers:
         raise InputError(f"{path}: found the suffix {path.suffix!r}; expected one of {', '.join(MESH_SUFFIXES)}")
-    _write(path, writers[suffix](mesh))
+    write_result(path, writers[suffix](mesh))
 
 
 def _check_suffix(path: Path) -> None:
     known = (*MESH_SUFFIXES, SOURCE_SUFFIX)
     if path.suffix.lower() not in known:
         raise InputError(f"{path}: found the suffix {path.suffix!r}; expected one of {', '.join(known)}")
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        write_atomically(path, content)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def _ply(mesh: SurfaceMesh) -> bytes:

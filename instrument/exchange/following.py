@@ -9,6 +9,7 @@ from typing import Any
 
 from instrument.errors import InputError
 from instrument.exchange.documents import Document, Documents
+from instrument.files import reading
 from instrument.journal import JOURNAL_NAME, read_journal, read_line
 from instrument.run_build import run_of_journal
 
@@ -31,17 +32,12 @@ class JournalTail:
         InputError
             If there is no journal, a line was changed, or the journal has become shorter.
         """
-        try:
-            with self._path.open("rb") as handle:
-                size = handle.seek(0, 2)
-                if size < self._place:
-                    raise InputError(f"{self._path}: has become shorter; expected a journal that only grows")
-                handle.seek(self._place)
-                complete = handle.read().split(b"\n")[:-1]
-        except (FileNotFoundError, NotADirectoryError):
-            raise InputError(f"{self._path}: no such file; expected the journal of a run") from None
-        except OSError as error:
-            raise InputError(f"{self._path}: cannot be read: {error.strerror}") from None
+        with reading(self._path, "the journal of a run"), self._path.open("rb") as handle:
+            size = handle.seek(0, 2)
+            if size < self._place:
+                raise InputError(f"{self._path}: has become shorter; expected a journal that only grows")
+            handle.seek(self._place)
+            complete = handle.read().split(b"\n")[:-1]
         found = []
         for line in complete:
             self._number += 1

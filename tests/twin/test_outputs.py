@@ -12,7 +12,7 @@ import typer.main
 
 from instrument.__main__ import GROUP, build, main
 from instrument.errors import InputError
-from instrument.output import check_new, check_new_folder, write_json
+from instrument.output import check_new, check_new_folder, write_json, write_result
 from sim_fixtures.examples import example_files
 
 FILES = example_files()
@@ -121,3 +121,9 @@ def test_json_replaces_json_and_nothing_else(tmp_path: Path) -> None:
         assert file.read_bytes() == kept
     write_json(file, {}, force=True)
     assert file.read_text() == "{}\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_is_one_message() -> None:
+    with pytest.raises(InputError, match=r"^/dev/full: cannot be written: No space left on device$"):
+        write_result(Path("/dev/full"), b"an hour's work")

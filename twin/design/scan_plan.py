@@ -7,7 +7,7 @@ from pathlib import Path
 import tomli_w
 
 from instrument.facility import Facility
-from instrument.files import write_atomically
+from instrument.output import write_result
 from instrument.plan import Plan, read_plan
 
 
@@ -45,5 +45,5 @@ def write_plan(
     ]
     form = {"version": 1, "title": title, "samples": 9, "direction": "unidirectional", "angle_unit": "degree"}
     comment = "# Planes chosen for what they tell about the sample; goniotwin plan shows what this means.\n"
-    write_atomically(path, (comment + tomli_w.dumps(form | {"grid": grids})).encode())
+    write_result(path, (comment + tomli_w.dumps(form | {"grid": grids})).encode())
     return read_plan(path, facility)

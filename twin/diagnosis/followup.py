@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from instrument.errors import InputError
-from instrument.files import write_atomically
+from instrument.output import write_result
 from twin.diagnosis.next_explanations import Explanation, entropy, explanations, known_of
 from twin.diagnosis.next_information import Outlook, Worth
 from twin.diagnosis.next_plan import duration_of, plan_text
@@ -169,7 +169,7 @@ def write_plans(found: Sequence[Proposal], folder: Path) -> list[Path]:
     paths = []
     for number, proposal in enumerate(found, start=1):
         path = folder / f"plan-{number}.toml"
-        write_atomically(path, (_heading(proposal) + proposal.plan).encode())
+        write_result(path, (_heading(proposal) + proposal.plan).encode())
         paths.append(path)
     return paths
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from instrument.files import write_atomically
+from instrument.output import write_result
 from twin import html_page
 from twin.diagnosis import parity_only
 from twin.diagnosis.diagnose import Diagnosis
@@ -34,8 +34,8 @@ _LISTED = 10
 
 
 def write_report(diagnosis: Diagnosis, symmetries: Sequence[Parity], file: Path) -> None:
-    """Write the report, atomically."""
-    write_atomically(file, report(diagnosis, symmetries).encode())
+    """Write the report; as :func:`instrument.output.write_result`."""
+    write_result(file, report(diagnosis, symmetries).encode())
 
 
 def report(diagnosis: Diagnosis, symmetries: Sequence[Parity]) -> str:

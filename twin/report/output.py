@@ -9,8 +9,7 @@ from typing import Any
 from matplotlib import rc_context
 
 from instrument.errors import InputError
-from instrument.files import write_atomically
-from instrument.output import check_new, check_new_folder
+from instrument.output import check_new, check_new_folder, write_result
 from twin.figures import rendered
 from twin.report.document import Document, csv_of, label, table_csv
 from twin.report.paper import pdf_of
@@ -56,9 +55,9 @@ def write_report(document: Document, html: Path, pdf: Path | None, figures: Path
         If a file cannot be written.
     """
     written = [html]
-    _write(html, html_of(document).encode())
+    write_result(html, html_of(document).encode())
     if pdf is not None:
-        _write(pdf, pdf_of(document))
+        write_result(pdf, pdf_of(document))
         written.append(pdf)
     if figures is not None:
         write_figures(document, figures)
@@ -78,23 +77,16 @@ def write_figures(document: Document, folder: Path) -> None:
         figure = plot.figure()
         for form, file in zip(FORMS, files, strict=True):
             with rc_context(_SALT):
-                _write(folder / file, rendered(figure, form, _DPI))
-        _write(folder / f"{plot.name}.csv", csv_of(plot.data))
+                write_result(folder / file, rendered(figure, form, _DPI))
+        write_result(folder / f"{plot.name}.csv", csv_of(plot.data))
         caption = label(plot.counterpart, plot.caption)
         plots.append({"name": plot.name, "counterpart": plot.counterpart, "caption": caption, "files": files})
         plots[-1]["data"] = f"{plot.name}.csv"
     for table in document.tables():
-        _write(folder / f"{table.name}.csv", table_csv(table))
+        write_result(folder / f"{table.name}.csv", table_csv(table))
         caption = label(table.counterpart, table.caption)
         tables.append({"name": table.name, "counterpart": table.counterpart, "caption": caption})
         tables[-1]["data"] = f"{table.name}.csv"
     left_out = [{"what": one.what, "why": one.why} for one in document.left_out()]
     content = {"title": document.title, "figures": plots, "tables": tables, "left_out": left_out}
-    _write(folder / CONTENTS, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        write_atomically(path, content)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_result(folder / CONTENTS, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
