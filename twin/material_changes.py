@@ -1,4 +1,4 @@
-"""Changes of a material: a lobe added, the reflectance scaled. What a diagnosis tries out on a nominal table.
+"""Changes of a material: a lobe added. What a diagnosis tries out on a nominal table.
 
 A lobe gets a grid that is fine enough for it, together with every node of the table: away from the lobe nothing
 changes. How far the table is from the lobe in closed form is measured (:class:`LobeOnGrid`) and carried along in the
@@ -89,19 +89,6 @@ def with_specular_lobe(material: Material, amplitude: float, roughness: float) -
         For a roughness outside (0, 1], or a sum that no surface can have.
     """
     return specular_lobe(material, roughness).added(amplitude)
-
-
-def with_reflectance_ratio(material: Material, ratio: float) -> Material:
-    """Multiply the reflectance.
-
-    Raises
-    ------
-    InputError
-        For a ratio that is negative or that makes the surface reflect more than it receives.
-    """
-    if not 0 <= ratio < np.inf:
-        raise InputError(f"{material.name}: ratio of reflectances: found {ratio:g}; expected a number >= 0")
-    return material.scaled(ratio)
 
 
 def retroreflection_lobe(material: Material, width_deg: float) -> LobeOnGrid:

@@ -10,7 +10,6 @@ from twin.material_changes import (
     retro_angle_rad,
     retroreflection_lobe,
     specular_lobe,
-    with_reflectance_ratio,
     with_retroreflection,
     with_specular_lobe,
 )
@@ -114,12 +113,10 @@ def test_the_stated_gridding_error_of_a_specular_lobe_holds_at_other_directions(
     assert np.sqrt(np.mean((got - exact) ** 2) / np.mean(exact**2)) < 2 * lobe.error.relative_rms
 
 
-def test_a_ratio_scales_every_direction() -> None:
+def test_a_scaled_material_is_scaled_in_every_direction() -> None:
     cos_o, phi, cos_i = directions(50)
     base = uneven()
-    np.testing.assert_allclose(
-        with_reflectance_ratio(base, 0.84).evaluate(cos_o, phi, cos_i), 0.84 * base.evaluate(cos_o, phi, cos_i)
-    )
+    np.testing.assert_allclose(base.scaled(0.84).evaluate(cos_o, phi, cos_i), 0.84 * base.evaluate(cos_o, phi, cos_i))
 
 
 @pytest.mark.parametrize(
@@ -129,8 +126,8 @@ def test_a_ratio_scales_every_direction() -> None:
         (lambda m: with_retroreflection(m, 20.0, 20.0), "times over"),
         (lambda m: with_retroreflection(m, -2.0, 5.0), "entries are negative"),
         (lambda m: with_specular_lobe(m, 0.1, 0.0), "roughness: found 0"),
-        (lambda m: with_reflectance_ratio(m, -0.1), "found -0.1; expected a number >= 0"),
-        (lambda m: with_reflectance_ratio(m, 3.0), "times over"),
+        (lambda m: m.scaled(-0.1), "entries are negative"),
+        (lambda m: m.scaled(3.0), "times over"),
     ],
 )
 def test_changes_that_no_surface_can_have_are_refused(change, message: str) -> None:

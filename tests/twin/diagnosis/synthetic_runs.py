@@ -65,6 +65,21 @@ def observed(
     )
 
 
+def sweep(file: str, illumination_zenith: float, zenith: Sequence[float], brf: float = 1.0) -> Observation:
+    """One sweep of the sensor's zenith at azimuth 90 that reads the same everywhere, with an error of placement."""
+    same = np.ones(len(zenith))
+    columns = {
+        "wavelength": 500 * same,
+        "illumination_zenith": illumination_zenith * same,
+        "illumination_azimuth": 0 * same,
+        "sensor_zenith": np.array(zenith),
+        "sensor_azimuth": 90 * same,
+    }
+    u = {"noise": 0.004 * same, "stability": 0.006 * same, "placement": 0.002 * same}
+    rows = np.arange(len(zenith))
+    return Observation(file, rows, columns, brf * same, 0.01 * same, u, 22.0 * rows)
+
+
 @dataclass(frozen=True)
 class Parameter:
     """As the diagnosis' protocols ask for."""

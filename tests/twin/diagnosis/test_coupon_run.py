@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_runs import sweep
 
 from instrument.errors import InputError
 from instrument.facility import Facility
@@ -36,17 +37,7 @@ def flat(bench: Bench) -> Bench:
 
 def coupon(bench: Bench, factor: float = 1.0) -> Observation:
     """A run whose readings are the table's, times a factor."""
-    zenith = np.array([70.0, 45.0, 20.0, -20.0, -45.0, -70.0])
-    same = np.ones(len(zenith))
-    columns = {
-        "wavelength": 500 * same,
-        "illumination_zenith": 30 * same,
-        "illumination_azimuth": 0 * same,
-        "sensor_zenith": zenith,
-        "sensor_azimuth": 90 * same,
-    }
-    u = {"noise": 0.004 * same, "stability": 0.006 * same, "placement": 0.002 * same}
-    run = Observation("coupon.nc", np.arange(6), columns, same, 0.01 * same, u, 22.0 * np.arange(6))
+    run = sweep("coupon.nc", 30.0, (70.0, 45.0, 20.0, -20.0, -45.0, -70.0))
     return replace(run, brf=factor * flat_reflectance(bench.material, run))
 
 

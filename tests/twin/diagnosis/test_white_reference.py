@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from synthetic_runs import sweep
 
 from instrument.artifact import read_artifact
 from instrument.errors import InputError
@@ -41,17 +42,7 @@ def bench() -> SimpleNamespace:
 
 
 def plate(reading: float = 0.99) -> Observation:
-    zenith = np.array([60.0, 40.0, 20.0, -20.0, -40.0, -60.0])
-    same = np.ones(len(zenith))
-    columns = {
-        "wavelength": 500 * same,
-        "illumination_zenith": 40 * same,
-        "illumination_azimuth": 0 * same,
-        "sensor_zenith": zenith,
-        "sensor_azimuth": 90 * same,
-    }
-    u = {"noise": 0.004 * same, "stability": 0.006 * same, "placement": 0.002 * same}
-    return Observation("white.nc", np.arange(6), columns, reading * same, 0.01 * same, u, 22.0 * np.arange(6))
+    return sweep("white.nc", 40.0, (60.0, 40.0, 20.0, -20.0, -40.0, -60.0), reading)
 
 
 @pytest.fixture(scope="module")
