@@ -1,7 +1,7 @@
 """Frames and memory of the window over a run of 10 000 points at 100 events a second.
 
-``python benchmarks/bench_window.py [--points 10000] [--rate 100] [--page watch]`` opens the real window without a
-screen. Another thread reads the events of a scan as lines of JSON, as it does those of a scan's own process, and hands
+``python benchmarks/bench_window.py [--points 10000] [--rate 100] [--page watch] [--preload 9000]`` opens the real window
+without a screen. Another thread reads the events of a scan as lines of JSON, as it does those of a scan's own process, and hands
 them to the window. Every pass of the event loop is timed by the loop itself (:class:`Loop`, a timer that is due in
 every pass), from before the scan starts: wall time, and time of the Qt thread, which other programs on the machine
 lengthen little. ``--page each`` goes from page to page and from tab to tab meanwhile.
@@ -197,6 +197,18 @@ def opened() -> MainWindow:
     return window
 
 
+def preloaded(window: MainWindow, lines: list[bytes], points: int) -> list[bytes]:
+    """Show a run up to a number of points, untimed; returns the lines that are left."""
+    window.bridge.on_event(ControllerStarting())
+    for number, line in enumerate(lines):
+        window.bridge.on_event(decode(line))
+        window.bridge.flush()
+        if window.model.settled == points:
+            window.settle()
+            return lines[number + 1 :]
+    raise ValueError(f"--preload: found {points}; expected less than the points of the run")
+
+
 def wander(window: MainWindow) -> QTimer:
     """Let the person look elsewhere every three seconds."""
     tabs: Any = getattr(window.page("watch"), "tabs")  # noqa: B009 - of this page only
@@ -214,8 +226,8 @@ def wander(window: MainWindow) -> QTimer:
     return timer
 
 
-def run(count: int, rate: float, page: str) -> dict[str, Any]:
-    """Play a run and report frames and memory."""
+def run(count: int, rate: float, page: str, preload: int = 0) -> dict[str, Any]:
+    """Play a run, whose first ``preload`` points are there from the beginning, and report frames and memory."""
     application = start_application()
     window = opened()
     points = points_of(count)
@@ -234,12 +246,15 @@ def run(count: int, rate: float, page: str) -> dict[str, Any]:
     watch = QTimer()
     watch.timeout.connect(look)
     watch.start(5000)
+    window.do("start")
+    if preload:
+        lines = preloaded(window, lines, preload)
     sender = threading.Thread(target=play, args=(window, lines, rate, done), daemon=True)
     began, cpu = time.perf_counter(), time.process_time()
     collections = timed_collections()
     loop.start()
-    window.do("start")
-    window.bridge.on_event(ControllerStarting())
+    if not preload:
+        window.bridge.on_event(ControllerStarting())
     sender.start()
     application.exec()
     took, cpu = time.perf_counter() - began, time.process_time() - cpu
@@ -251,6 +266,7 @@ def run(count: int, rate: float, page: str) -> dict[str, Any]:
         "events": len(lines),
         "events_a_second": round(len(lines) / took, 1),
         "page": page,
+        "preloaded": preload,
         "scale": window.devicePixelRatio(),
         "load_of_the_machine": round(os.getloadavg()[1], 1),
         "passes": len(wall),
@@ -279,10 +295,11 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=10_000)
     parser.add_argument("--rate", type=float, default=100.0, help="events a second")
     parser.add_argument("--page", default="each", help="acquire, watch, ... or each in turn")
+    parser.add_argument("--preload", type=int, default=0, help="points that are there before the clock starts")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     load_qt()
-    found = run(given.points, given.rate, given.page)
+    found = run(given.points, given.rate, given.page, given.preload)
     text = json.dumps(found, indent=1)
     print(text)
     if given.json:

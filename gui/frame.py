@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
     QLabel,
-    QMainWindow,
     QSplitter,
     QStackedWidget,
     QTabWidget,
@@ -26,6 +25,7 @@ from gui import theme as themes
 from gui.bridge import Bridge
 from gui.comparison import score
 from gui.model import ScanModel
+from gui.paced import PacedWindow
 from gui.pages.base import Desk, Page
 from gui.panels.base import Panel
 from gui.setup import Setup
@@ -35,7 +35,7 @@ _HELP = "Ctrl+1 … 8 pages   F5 start   F6 pause   F7 resume   F8 abort   F12 H
 _PREPARED_MS = 400
 
 
-class Frame(QMainWindow):
+class Frame(PacedWindow):
     """Panels and pages around one model, laid out; what they ask for is carried out by :class:`gui.window.MainWindow`.
 
     Parameters

@@ -109,6 +109,20 @@ class Points(Sequence[Point]):
             bool(self._earlier[index]),
         )
 
+    def standing(self, index: int, of: str) -> str:
+        """How a point stands, without making it: ``missing``, a category, ``measured`` or ``waiting``.
+
+        Parameters
+        ----------
+        of
+            Which category: ``category``, ``difference_category`` or ``level_category``.
+        """
+        if index in self._skipped:
+            return "missing"
+        if number := self._categories[of][index]:
+            return CATEGORIES[number - 1]
+        return "measured" if self._known["brf"][index] or self._earlier[index] else "waiting"
+
     def store(self, point: Point) -> None:
         """Replace a point; its geometry stays."""
         index, score = point.index, point.score

@@ -10,8 +10,20 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPixmap, QPolygonF, QResizeEvent
+from PySide6.QtGui import (
+    QColor,
+    QFont,
+    QImage,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPixmap,
+    QPolygonF,
+    QResizeEvent,
+)
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui.theme import Theme
@@ -20,6 +32,8 @@ _RINGS = (30.0, 60.0, 90.0)
 _SPOKES = (0, 45, 90, 135, 180, 225, 270, 315)
 _MARGIN = 26
 _MANY = 100  # changes beyond which all is drawn anew
+_SIZES, _OF_DISTANCE = (2.4, 5.5), 0.6  # of signs: logical pixels, share of the distance of neighbours
+_LABEL_AZIMUTHS = (67.5, *(7.5 + 15.0 * number for number in range(24) if number != 4))
 _NEAR = 14.0  # logical pixels within which a point is pointed at
 
 
@@ -64,6 +78,7 @@ class PolarMap(QWidget):
         self._image: QImage | None = None
         self._stamps: dict[str, QPixmap] = {}
         self._places: list[tuple[float, float]] = []
+        self._size, self._label_azimuth = 5.5, 67.5
         self._under = -1
         self.setMouseTracking(True)
         self.setMinimumSize(QSize(170, 170))
@@ -119,6 +134,8 @@ class PolarMap(QWidget):
         for spot in self.spots:
             angle_rad, away = math.radians(spot.azimuth), radius * spot.zenith
             self._places.append((middle.x() + away * math.cos(angle_rad), middle.y() - away * math.sin(angle_rad)))
+        self._size = self._size_of_spot()
+        self._label_azimuth = self._free_azimuth()
         self._image = self._whole()
         self.update()
 
@@ -157,7 +174,23 @@ class PolarMap(QWidget):
         return max(min(self.width(), self.height() - (16 if self.title else 0)) / 2 - _MARGIN, 10.0)
 
     def _size_of_spot(self) -> float:
-        return max(2.2, min(5.5, 1.2 * self._radius() / math.sqrt(len(self.spots) + 1)))
+        """Half the width of a sign: neighbours in the order of the plan hardly touch."""
+        apart = 1.2 * self._radius() / math.sqrt(len(self.spots) + 1) / _OF_DISTANCE
+        if len(self._places) > 1:
+            steps = np.hypot(*np.diff(np.array(self._places), axis=0).T)
+            apart = min(apart, float(np.median(steps)))
+        return max(_SIZES[0], min(_SIZES[1], _OF_DISTANCE * apart))
+
+    def _free_azimuth(self) -> float:
+        """The azimuth at which the numbers of the rings hide least."""
+        places = np.array(self._places).reshape(-1, 2)
+        if not len(places):
+            return _LABEL_AZIMUTHS[0]
+        room = []
+        for azimuth in _LABEL_AZIMUTHS:
+            labels = [self.place(Spot(ring, azimuth, "")) for ring in _RINGS[:2]]
+            room.append(min(float(np.hypot(*(places - (at.x(), at.y())).T).min()) for at in labels))
+        return _LABEL_AZIMUTHS[int(np.argmax(room))]
 
     def _painter(self, image: QImage) -> QPainter:
         painter = QPainter(image)
@@ -178,6 +211,7 @@ class PolarMap(QWidget):
         if 0 <= self._under < len(self.spots):
             painter.setPen(QPen(QColor(self.theme.text), 1.6))
             painter.drawEllipse(self.place(self.spots[self._under]), 9, 9)
+        self._name_rings(painter)
         painter.end()
 
     def _whole(self) -> QImage:
@@ -203,7 +237,7 @@ class PolarMap(QWidget):
 
     def _stamp(self, painter: QPainter, indices: Iterable[int], kind: str) -> None:
         """Draw spots of a kind; it is drawn once into a small picture, which Qt then copies to every place."""
-        half = math.ceil(2 * self._size_of_spot() + 2)
+        half = math.ceil(2 * self._size + 2)
         if kind not in self._stamps:
             ratio = self.devicePixelRatioF()
             stamp = QPixmap(round(2 * half * ratio), round(2 * half * ratio))
@@ -224,9 +258,7 @@ class PolarMap(QWidget):
         painter.setPen(QPen(QColor(theme.line), 1))
         for ring in _RINGS:
             painter.drawEllipse(middle, radius * ring / 90, radius * ring / 90)
-        small = painter.font()
-        small.setPointSizeF(small.pointSizeF() * 0.82)
-        painter.setFont(small)
+        painter.setFont(self._small())
         for azimuth in _SPOKES:
             end = self.place(Spot(90.0, azimuth, ""))
             painter.setPen(QPen(QColor(theme.line), 1))
@@ -235,12 +267,6 @@ class PolarMap(QWidget):
             painter.setPen(QColor(theme.quiet_text))
             box = QRectF(outside.x() - 24, outside.y() - 9, 48, 18)
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter, f"{azimuth}°")
-        painter.setPen(QColor(theme.quiet_text))
-        for ring in _RINGS[:2]:
-            corner = self.place(Spot(ring, 67.5, ""))
-            painter.drawText(
-                QRectF(corner.x() - 16, corner.y() - 8, 32, 16), Qt.AlignmentFlag.AlignCenter, f"{ring:g}°"
-            )
         if self.title:
             painter.setPen(QColor(theme.text))
             top = max(middle.y() - radius - _MARGIN - 18, 0.0)
@@ -253,9 +279,30 @@ class PolarMap(QWidget):
                 arm = QPointF(9 * math.cos(angle_rad), 9 * math.sin(angle_rad))
                 painter.drawLine(here - arm, here + arm)
 
+    def _small(self) -> QFont:
+        font = self.font()
+        font.setPointSizeF(font.pointSizeF() * 0.82)
+        return font
+
+    def _name_rings(self, painter: QPainter) -> None:
+        """The zenith angles of the rings, over the spots: on a ground of their own, where they hide least."""
+        painter.setFont(self._small())
+        metrics = painter.fontMetrics()
+        ground = QColor(self.theme.surface)
+        ground.setAlpha(225)
+        for ring in _RINGS[:2]:
+            text, at = f"{ring:g}°", self.place(Spot(ring, self._label_azimuth, ""))
+            box = QRectF(0, 0, metrics.horizontalAdvance(text) + 4, metrics.ascent() + 2)
+            box.moveCenter(at)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(ground)
+            painter.drawRoundedRect(box, 3, 3)
+            painter.setPen(QColor(self.theme.text))
+            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
+
     def _draw(self, painter: QPainter, kind: str, at: QPointF) -> None:
         """The sign of a kind; ``nothing`` wipes what was there."""
-        theme, size = self.theme, self._size_of_spot()
+        theme, size = self.theme, self._size
         painter.setBrush(Qt.BrushStyle.NoBrush)
         if kind == "nothing":
             painter.setPen(Qt.PenStyle.NoPen)

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QAbstractTableModel, QItemSelectionModel, QModelIndex, QPersistentModelIndex, Qt
-from PySide6.QtGui import QFont
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidget
+from PySide6.QtCore import QAbstractTableModel, QItemSelectionModel, QModelIndex, QPersistentModelIndex, QPointF, Qt
+from PySide6.QtGui import QFont, QIcon, QPainter, QPalette, QStaticText
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QStyle,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QTableView,
+    QWidget,
+)
 
 from gui import marks, words
 from gui.model import Changes, ScanModel
@@ -18,8 +26,8 @@ from gui.theme import Theme
 _Index = QModelIndex | QPersistentModelIndex
 _ANGLES = ("Illum.\nzenith", "Sensor\nazimuth")
 _MISSING = "Miss-\ning"
-_CENTRE = Qt.AlignmentFlag.AlignCenter
-_RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+_MARGIN, _SIGN = 4, 16  # logical pixels beside a text; width of the sign
+_LAID_OUT = 1000  # texts that are kept ready to be drawn
 
 
 class PlaneTable(QAbstractTableModel):
@@ -32,8 +40,6 @@ class PlaneTable(QAbstractTableModel):
         self._rows: dict[PlaneKey, int] = {}
         self._columns: list[str] = []
         self._texts: dict[tuple[int, int], str] = {}  # of cells, as long as they hold
-        self._bold = QFont()
-        self._bold.setBold(True)
         self._current: PlaneKey | None = None
         self.set_theme(theme)
 
@@ -60,6 +66,26 @@ class PlaneTable(QAbstractTableModel):
             for column in range(len(self._columns)):
                 self._texts.pop((row, column), None)
             self.dataChanged.emit(self.index(row, 0), self.index(row, len(self._columns) - 1))
+
+    def is_current(self, row: int) -> bool:
+        """Whether the arms are in the plane of a row."""
+        return self._planes[row] == self._current
+
+    def text(self, row: int, column: int) -> str:
+        """What a cell says."""
+        text = self._texts.get((row, column))
+        if text is None:
+            text = self._texts[row, column] = self._text(self._planes[row], self._columns[column])
+        return text
+
+    @property
+    def here(self) -> QIcon:
+        """The sign of the plane the arms are in, in the first column."""
+        return self._here
+
+    def is_count(self, column: int) -> bool:
+        """Whether a column counts the points of a category."""
+        return self._columns[column] in CATEGORIES
 
     def plane(self, row: int) -> PlaneKey:
         """The plane of a row."""
@@ -89,21 +115,15 @@ class PlaneTable(QAbstractTableModel):
         return name if role == Qt.ItemDataRole.DisplayRole else None
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        """Content of a cell."""
-        row, column = index.row(), index.column()
+        """Text of a cell and what it means; :class:`Cells` draws it."""
+        row = index.row()
         if role == Qt.ItemDataRole.DisplayRole:
-            if (row, column) not in self._texts:
-                self._texts[row, column] = self._text(self._planes[row], self._columns[column])
-            return self._texts[row, column]
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return _CENTRE if self._columns[column] in CATEGORIES else _RIGHT
-        if role == Qt.ItemDataRole.DecorationRole:
-            return self._here if column == 0 and self._planes[row] == self._current else None
-        if role == Qt.ItemDataRole.FontRole:
-            return self._bold if self._planes[row] == self._current else None
+            return self.text(row, index.column())
         if role == Qt.ItemDataRole.ToolTipRole:
             missing = self.model.plane_missing[self._planes[row]]
             return words.plane_title(self._planes[row]) + (f"; {missing} points missing" if missing else "")
+        if role == Qt.ItemDataRole.AccessibleDescriptionRole:
+            return "the arms are here" if self.is_current(row) else None
         return None
 
     def _text(self, plane: PlaneKey, name: str) -> str:
@@ -121,6 +141,52 @@ class PlaneTable(QAbstractTableModel):
         return f"{plane.wavelength:g} nm"
 
 
+class Cells(QStyledItemDelegate):
+    """Draws the cells of a :class:`PlaneTable`.
+
+    Qt would ask the table for seven properties of each cell and lay its text out anew: the cells took half of what the
+    whole page takes to paint.
+    """
+
+    def __init__(self, table: PlaneTable) -> None:
+        super().__init__(table)
+        self._table = table
+        self._bold = QFont()
+        self._bold.setBold(True)
+        self._laid_out: dict[tuple[str, bool], QStaticText] = {}
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
+        """Draw a cell: text, bold where the arms are, with a sign in the first column."""
+        table, row, column, box = self._table, index.row(), index.column(), option.rect
+        selected = bool(option.state & QStyle.StateFlag.State_Selected)
+        palette = option.palette
+        if selected:
+            painter.fillRect(box, palette.brush(QPalette.ColorRole.Highlight))
+        here = table.is_current(row)
+        if here and column == 0:
+            table.here.paint(painter, box.left() + _MARGIN, box.top(), _SIGN, box.height())
+        text = table.text(row, column)
+        if not text:
+            return
+        laid_out = self._of(text, here)
+        size = laid_out.size()
+        free = box.width() - size.width()
+        left = box.left() + (free / 2 if table.is_count(column) else max(free - _MARGIN, 0.0))
+        painter.setFont(self._bold if here else option.font)
+        painter.setPen(palette.color(QPalette.ColorRole.HighlightedText if selected else QPalette.ColorRole.Text))
+        painter.drawStaticText(QPointF(left, box.top() + (box.height() - size.height()) / 2), laid_out)
+
+    def _of(self, text: str, bold: bool) -> QStaticText:
+        laid_out = self._laid_out.get((text, bold))
+        if laid_out is None:
+            if len(self._laid_out) > _LAID_OUT:
+                self._laid_out.clear()
+            laid_out = self._laid_out[text, bold] = QStaticText(text)
+            laid_out.setTextFormat(Qt.TextFormat.PlainText)
+            laid_out.prepare(font=self._bold if bold else QFont())
+        return laid_out
+
+
 class PlanesPanel(Panel):
     """Table of planes; choosing a row shows that plane."""
 
@@ -134,6 +200,7 @@ class PlanesPanel(Panel):
         self.table = PlaneTable(model, theme)
         self.view = QTableView()
         self.view.setModel(self.table)
+        self.view.setItemDelegate(Cells(self.table))
         self.view.setAccessibleName("Azimuth planes of the plan")
         self.view.setShowGrid(False)
         self.view.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)

@@ -9,7 +9,17 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFont
-from PySide6.QtWidgets import QApplication, QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QCheckBox,
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 
 from gui import marks, words
 from gui.axes import Grid, add_plot, style_axes
@@ -27,6 +37,7 @@ _DIFFERENCE, _SCORE = "Relative difference", "t′"
 _T_SPAN = T_BANDS[1] * 1.75  # of the t' axis, where no point needs more
 _SIZE = {"good": 9, "acceptable": 10, "poor": 12}  # of the symbols; a cross looks smaller than a disc
 _HINT = "Point at a value to read it. Drag to shift, turn the wheel to zoom."
+_NOTHING = "No point of this plane is measured yet."
 
 
 class PlotsPanel(Panel):
@@ -54,8 +65,11 @@ class PlotsPanel(Panel):
         self.body.addWidget(self.graphics, 1)
         self.readout = quiet(_HINT)
         self.readout.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.readout.setWordWrap(True)
+        self.readout.setMinimumHeight(2 * self.readout.fontMetrics().lineSpacing())
         below = QHBoxLayout()
         below.addWidget(self.readout, 1)
+        below.addWidget(self.below)
         below.addWidget(self.beside)
         self.body.addLayout(below)
         self._build_plots()
@@ -69,6 +83,7 @@ class PlotsPanel(Panel):
         font.setPointSizeF(font.pointSizeF() * 1.2)
         font.setBold(True)
         self.heading.setFont(font)
+        self.heading.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # a longer name of a plane
         self.follow = QCheckBox("&Follow the scan")
         self.follow.setChecked(True)
         self.follow.setToolTip("Show the plane the arms are in (Ctrl+F)")
@@ -91,7 +106,6 @@ class PlotsPanel(Panel):
         self.beside.currentIndexChanged.connect(lambda _: self._draw())
         row.addWidget(self.heading, 1)
         row.addWidget(self.follow)
-        row.addWidget(self.below)
         row.addWidget(fit)
         self.body.addLayout(row)
         self.legend_row = QVBoxLayout()
@@ -235,11 +249,9 @@ class PlotsPanel(Panel):
         if plane != self.plane:
             self.plane = plane
             self.readout.setText(_HINT)
-            if self.isVisible():
-                self._by_hand = False
-                self._draw()
-            else:
-                self._pending = self._pending.joined(Changes(scan=True))
+            self._by_hand = False
+            self._pending = self._pending.joined(Changes(scan=plane is None, planes={plane} if plane else set()))
+            self.fell_behind.emit()
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""
@@ -272,10 +284,12 @@ class PlotsPanel(Panel):
         if self.plane is None:
             self.heading.setText("No plane to show yet")
             return
-        wait = "" if any(p.brf is not None for p in points) else "   (no point measured yet)"
-        text = words.plane_title(self.plane).capitalize() + wait
+        text = words.plane_title(self.plane).capitalize()
         if text != self.heading.text():
             self.heading.setText(text)
+            self.heading.setToolTip(text)
+        if self.readout.text() in (_HINT, _NOTHING):
+            self.readout.setText(_HINT if any(p.brf is not None for p in points) else _NOTHING)
 
     def _draw_simulated(self, points: list[Point]) -> None:
         x = [p.geometry.sensor_zenith for p in points]

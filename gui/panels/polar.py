@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QWidget
 
 from gui import words
 from gui.model import Changes, ScanModel
 from gui.panels.base import Panel, quiet
 from gui.panels.legend import category_legend
-from gui.points import PlaneKey, Point
+from gui.points import PlaneKey
 from gui.polar_map import PolarMap, Spot
-from gui.scores import Score
 from gui.theme import Theme
 
-_METRICS: dict[str, Callable[[Score], str]] = {
-    "Relative difference": lambda score: score.difference_category,
-    "t′": lambda score: score.category,
-    "Level of agreement n′": lambda score: score.level_category,
+#: Titles of the maps, and the category that each shows (:meth:`gui.points.Points.standing`).
+_METRICS = {
+    "Relative difference": "difference_category",
+    "t′": "category",
+    "Level of agreement n′": "level_category",
 }
 _HINT = "Point at a value to read it. The star is where the light comes from."
 
@@ -57,18 +55,24 @@ class PolarPanel(Panel):
         self.body.addWidget(self.readout)
         self._groups: dict[tuple[float, float, float], list[int]] = {}
         self._places: dict[int, int] = {}
+        self._members: list[int] = []
+        self._light: tuple[float, float] | None = None
+        self._others: list[str] = []  # maps that still show other points
         self._filling = False
         self.refresh(Changes(scan=True))
 
     @property
     def owing(self) -> bool:
         """Whether there is something left to show."""
-        return super().owing or any(each.stale for each in self.maps.values())
+        return super().owing or bool(self._others) or any(each.stale for each in self.maps.values())
 
     def catch_up(self) -> None:
         """Take over what has changed; draw one map that needs it."""
         if super().owing:
             super().catch_up()
+            return
+        if self._others:
+            self._fill(self._others.pop(0))
             return
         for each in [each for each in self.maps.values() if each.stale][:1]:
             each.draw()
@@ -86,7 +90,8 @@ class PolarPanel(Panel):
         shown = [(place, index) for index in changes.points if (place := self._places.get(index)) is not None]
         if shown:
             for name, each in self.maps.items():
-                each.change({place: _kind(self.model.points[index], name) for place, index in shown})
+                if name not in self._others:
+                    each.change({place: self._kind(index, name) for place, index in shown})
 
     def set_theme(self, theme: Theme) -> None:
         """Use other colours."""
@@ -130,16 +135,26 @@ class PolarPanel(Panel):
                 self.choice.setCurrentIndex(index)
 
     def _show(self) -> None:
+        """Other points are to be shown: one map takes them over in a pass of the event loop."""
         index = self.choice.currentIndex()
         keys = list(self._groups)
-        members = self._groups[keys[index]] if 0 <= index < len(keys) else []
-        self._places = {point: place for place, point in enumerate(members)}
-        light = (keys[index][1], keys[index][2]) if members else None
-        points = [self.model.points[i] for i in members]
-        places = [(point.geometry.sensor_zenith, point.geometry.sensor_azimuth) for point in points]
-        for name, each in self.maps.items():
-            spots = [Spot(*place, _kind(point, name)) for place, point in zip(places, points, strict=True)]
-            each.show_spots(spots, light)
+        self._members = self._groups[keys[index]] if 0 <= index < len(keys) else []
+        self._places = {point: place for place, point in enumerate(self._members)}
+        self._light = (keys[index][1], keys[index][2]) if self._members else None
+        self._others = list(self.maps)
+        self.fell_behind.emit()
+
+    def _fill(self, name: str) -> None:
+        geometries = self.model.points.geometries
+        spots = [
+            Spot(geometries[index].sensor_zenith, geometries[index].sensor_azimuth, self._kind(index, name))
+            for index in self._members
+        ]
+        self.maps[name].show_spots(spots, self._light)
+        self.maps[name].draw()
+
+    def _kind(self, index: int, name: str) -> str:
+        return self.model.points.standing(index, _METRICS[name])
 
     def _pointed(self, place: int) -> None:
         index = next((i for i, p in self._places.items() if p == place), None)
@@ -149,14 +164,6 @@ class PolarPanel(Panel):
         point = self.model.points[index]
         azimuth = f"sensor azimuth {words.angle(point.geometry.sensor_azimuth)}   "
         self.readout.setText(azimuth + words.point_values(point))
-
-
-def _kind(point: Point, metric: str) -> str:
-    if point.skipped:
-        return "missing"
-    if point.score is not None:
-        return _METRICS[metric](point.score)
-    return "measured" if point.settled else "waiting"
 
 
 PANEL = PolarPanel
