@@ -11,6 +11,7 @@ from instrument.angles import FloatArray
 from instrument.facility import Facility
 from instrument.lambertian import lambertian_flux
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.turned import ROTATION
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Acquisition:
     Attributes
     ----------
     columns
-        Commanded geometries.
+        Commanded geometries, as from :func:`~twin.diagnosis.turned.arm_columns`.
     signal_per_brf
         Signal over the reference reading that a reflectance factor of 1 gives.
     reference_zenith, reference_azimuth
@@ -90,8 +91,8 @@ def travel_direction(columns: dict[str, FloatArray], order: NDArray[np.int64]) -
     A slice's first point counts as arriving in the direction in which the slice goes on.
     """
     zenith = columns["sensor_zenith"][order]
-    names = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_azimuth")
-    rows = np.nan_to_num(np.stack([columns[name][order] for name in names]))
+    names = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_azimuth", ROTATION)
+    rows = np.nan_to_num(np.stack([columns[name][order] for name in names if name in columns]))
     starts = np.concatenate([[True], np.any(np.diff(rows, axis=1) != 0, axis=0)])
     step = np.sign(np.diff(zenith, prepend=zenith[:1]))
     following = np.append(step[1:], 0.0)

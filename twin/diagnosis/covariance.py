@@ -14,6 +14,7 @@ import numpy as np
 
 from instrument.angles import FloatArray, direction
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.turned import ROTATION, from_sample
 
 #: Correlation lengths in the sensor zenith of a wander within a slice, degree.
 LENGTHS = (6.0, 10.0, 16.0, 25.0, 40.0, 60.0)
@@ -115,9 +116,26 @@ def over_directions(run: Observation, length_deg: float) -> FloatArray:
     columns = run.columns
     view = direction(columns["sensor_zenith"], columns["sensor_azimuth"])
     light = np.deg2rad(columns["illumination_zenith"])
-    place = np.concatenate([view, light[:, None]], axis=1)
+    return _near(np.concatenate([view, light[:, None]], axis=1), length_deg)
+
+
+def _near(place: FloatArray, length_deg: float) -> FloatArray:
     squared = np.sum((place[:, None] - place[None, :]) ** 2, axis=2)
     return np.asarray(np.exp(-0.5 * squared / np.deg2rad(length_deg) ** 2))
+
+
+def _over_gap_directions(run: Observation, length_deg: float) -> FloatArray:
+    """Smooth over directions of the laboratory; where the sample is turned, half of it over those that it sees.
+
+    Whether a gap of unknown cause turns with the sample is not known.
+    """
+    of_laboratory = over_directions(run, length_deg)
+    if ROTATION not in run.columns:
+        return of_laboratory
+    seen = from_sample(run.columns)
+    view = direction(seen["sensor_zenith"], seen["sensor_azimuth"])
+    light = direction(seen["illumination_zenith"], seen["illumination_azimuth"])
+    return 0.5 * (of_laboratory + _near(np.concatenate([view, light], axis=1), length_deg))
 
 
 def smooth_gap(run: Observation) -> list[tuple[str, FloatArray]]:
@@ -128,10 +146,10 @@ def smooth_gap(run: Observation) -> list[tuple[str, FloatArray]]:
     along = _bell(zenith, 20.0)
     steps = 1.0 - np.abs(progress[:, None] - progress[None, :])
     return [
-        ("smooth over directions, 20 degrees", over_directions(run, 20.0)),
-        ("smooth over directions, 45 degrees", over_directions(run, 45.0)),
+        ("smooth over directions, 20 degrees", _over_gap_directions(run, 20.0)),
+        ("smooth over directions, 45 degrees", _over_gap_directions(run, 45.0)),
         ("the same in every plane", along),
         ("the same in the planes of an illumination", along * same_light),
         ("a sequence of steps in time", steps),
-        ("local, 8 degrees", over_directions(run, 8.0)),
+        ("local, 8 degrees", _over_gap_directions(run, 8.0)),
     ]

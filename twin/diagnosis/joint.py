@@ -24,6 +24,7 @@ from twin.diagnosis.observation import Observation
 from twin.diagnosis.preparation import Bench, Prepared, Told, low_rank, model_error
 from twin.diagnosis.problem import Problem
 from twin.diagnosis.responses import Responses
+from twin.diagnosis.turned import alike
 from twin.diagnosis.white_reference import prepare_white
 
 #: Labels of the budget's columns that are of one run, by how they begin: the first always, the second unless the sample
@@ -226,6 +227,7 @@ def joined(runs: Sequence[Observation]) -> Observation:
         assert run.seconds is not None
         seconds.append(run.seconds - run.seconds.min() + end)
         end = float(seconds[-1].max()) + 1.0
+    columns = alike([run.columns for run in runs])
     notes = [f"{run.name}: {note}" for run in runs for note in run.notes]
     dropped = sorted({name for run in runs for name in run.components} - components)
     if dropped:
@@ -233,7 +235,7 @@ def joined(runs: Sequence[Observation]) -> Observation:
     return Observation(
         ", ".join(run.name for run in runs),
         np.concatenate([run.rows + start for run, start in zip(runs, starts, strict=True)]),
-        {name: np.concatenate([run.columns[name] for run in runs]) for name in runs[0].columns},
+        {name: np.concatenate([part[name] for part in columns]) for name in columns[0]},
         np.concatenate([run.brf for run in runs]),
         np.concatenate([run.u_brf for run in runs]),
         {name: np.concatenate([run.components[name] for run in runs]) for name in sorted(components)},

@@ -24,6 +24,7 @@ from twin.diagnosis.next_stage import Stage, read_again, taken_again
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.problem import Problem
 from twin.diagnosis.response import AnyResponse
+from twin.diagnosis.turned import alike
 
 #: Draws of the new readings for each explanation.
 DRAWS = 48
@@ -311,6 +312,7 @@ def _size(parameters: Sequence[Parameter], values: FloatArray) -> float:
 
 def _behind(scan: Observation, run: Observation) -> Observation:
     """Points of a scan, and behind them those of a run, as far as gaps of unknown cause look at them."""
-    columns = {name: np.concatenate([column, run.columns[name]]) for name, column in scan.columns.items()}
+    here, there = alike([scan.columns, run.columns])
+    columns = {name: np.concatenate([column, there[name]]) for name, column in here.items()}
     both = [np.concatenate([one, other]) for one, other in ((scan.brf, run.brf), (scan.u_brf, run.u_brf))]
     return Observation("", np.arange(len(both[0])), columns, both[0], both[1], {})

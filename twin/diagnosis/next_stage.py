@@ -19,8 +19,8 @@ from twin.diagnosis.observation import Observation
 from twin.diagnosis.plausible import flat_reflectance
 from twin.diagnosis.preparation import model_error
 from twin.diagnosis.response import AnyResponse, Response
+from twin.diagnosis.turned import alike
 from twin.diagnosis.white_reference import prepare_white
-from twin.optics import COORDINATES
 
 if TYPE_CHECKING:
     from instrument.facility import Facility
@@ -167,7 +167,8 @@ def extended(run: Observation, columns: dict[str, FloatArray], bench: Bench) -> 
     that of the run's point with the nearest predicted signal.
     """
     count, more = len(run), len(columns["sensor_zenith"])
-    everywhere = {name: np.concatenate([run.columns[name], columns[name]]) for name in COORDINATES}
+    here, there = alike([run.columns, columns])
+    everywhere = {name: np.concatenate([column, there[name]]) for name, column in here.items()}
     zenith = np.abs(run.columns["sensor_zenith"])
     like = np.argmin(np.abs(zenith[:, None] - np.abs(columns["sensor_zenith"])), axis=0)
     blank = Observation(

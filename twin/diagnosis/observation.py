@@ -14,7 +14,8 @@ from instrument.angles import FloatArray
 from instrument.dataset import capabilities, read_run
 from instrument.errors import InputError
 from instrument.run_check import component_names
-from twin.optics import geometry_columns, sample_rotation
+from twin.diagnosis.turned import ROTATION, arm_columns
+from twin.optics import geometry_columns
 
 #: Fewer points than this tell no effect from chance.
 LEAST_POINTS = 20
@@ -36,7 +37,8 @@ class Observation:
     rows
         Index along ``point`` of the file: points that are not usable are left out.
     columns
-        Commanded geometry, as from :func:`twin.optics.geometry_columns`.
+        Commanded geometry, as from :func:`~twin.diagnosis.turned.arm_columns`: what the arms had in the laboratory,
+        and how far the sample was turned.
     brf, u_brf
         Reflectance factor and combined standard uncertainty (k = 1).
     components
@@ -75,9 +77,12 @@ class Observation:
 
     @property
     def plane(self) -> NDArray[np.int64]:
-        """Number of the plane (wavelength, illumination, sensor azimuth) each point lies in, in order of the file."""
-        names = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_azimuth")
-        table = np.round(np.stack([self.columns[n] for n in names], axis=1) / _SAME_PLANE)
+        """Number of the plane each point lies in, in order of the file.
+
+        A plane is that of a wavelength, an illumination, a sensor azimuth and a rotation of the sample.
+        """
+        names = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_azimuth", ROTATION)
+        table = np.round(np.stack([self.columns[n] for n in names if n in self.columns], axis=1) / _SAME_PLANE)
         return _numbered(np.nan_to_num(table, nan=-1.0))
 
     @property
@@ -115,13 +120,15 @@ def read_observation(path: Path, least: int = LEAST_POINTS) -> Observation:
     return observe(read_run(file), str(path), least)
 
 
-def observe(run: xr.Dataset, name: str, least: int = LEAST_POINTS) -> Observation:
+def observe(run: xr.Dataset, name: str, least: int = LEAST_POINTS, *, foreign: bool = False) -> Observation:
     """What the diagnosis takes from a run.
 
     Parameters
     ----------
     least
         Usable points below which a run is refused: fewer for a scan that only follows another.
+    foreign
+        Measured with another instrument, of whose arms nothing is known: its angles stay as they are.
 
     Raises
     ------
@@ -152,9 +159,7 @@ def observe(run: xr.Dataset, name: str, least: int = LEAST_POINTS) -> Observatio
     if "time" in kept.variables and not np.any(np.isnat(kept["time"].values)):
         time = kept["time"].values
         seconds = (time - time.min()) / np.timedelta64(1, "s")
-    if np.any(sample_rotation(kept)):
-        raise InputError(f"{name}: sample_rotation: found a turned sample; the diagnosis knows it at 0 degrees only")
-    columns = geometry_columns(kept)
+    columns = geometry_columns(kept) if foreign else arm_columns(kept)
     return Observation(name, rows, columns, brf, u_brf, components, seconds, **_readings(kept), notes=tuple(notes))
 
 

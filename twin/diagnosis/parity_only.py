@@ -20,7 +20,7 @@ def read_table(path: Path, columns: Path | None) -> Observation:
         return read_observation(path)
     from instrument.column_mapping import read_mapped
 
-    return observe(read_mapped(path, columns), str(path))
+    return observe(read_mapped(path, columns), str(path), foreign=True)
 
 
 def symmetries_of(run: Observation, symmetry: str, wavelength: float | None) -> tuple[Parity, ...]:

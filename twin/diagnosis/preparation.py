@@ -27,6 +27,7 @@ from twin.diagnosis.problem import Problem
 from twin.diagnosis.renders import RenderStore
 from twin.diagnosis.responses import Responses, responses
 from twin.diagnosis.store import PointStore
+from twin.diagnosis.turned import from_sample
 from twin.diagnosis.workbench import Workbench
 from twin.input_uncertainty import find_input_uncertainty
 from twin.material import read_material
@@ -161,7 +162,7 @@ class Bench:
             return {name: np.asarray(found[name].values, dtype=float) for name in _PREDICTED}
 
         content = f"{VERSION} {STANDARD_ERROR} {self.workbench.digest()}"
-        brf, u_brf = self._predictions.get(content, run.columns, predict).values()
+        brf, u_brf = self._predictions.get(content, from_sample(run.columns), predict).values()
         return brf, u_brf / brf
 
     def input_covariance(self, run: Observation, told: Told | None = None) -> FloatArray:
@@ -182,7 +183,7 @@ class Bench:
             tell(f"what the inputs' uncertainties do: {what}", done / max(total, 1))
 
         return find_input_uncertainty(
-            state, _dataset(run.columns), folder=self.cache, tolerance=_TOLERANCE, progress=step
+            state, _dataset(from_sample(run.columns)), folder=self.cache, tolerance=_TOLERANCE, progress=step
         ).result
 
     def state(self) -> StateVector:
@@ -199,7 +200,8 @@ def unplaced(state: StateVector) -> StateVector:
 def model_error(run: Observation) -> FloatArray:
     """What the twin's reflection model leaves: columns, shape (point, column).
 
-    Smooth over directions, and more towards retro-reflection, where no coupon can be measured.
+    Smooth over directions, and more towards retro-reflection, where no coupon can be measured. A coating that reflects
+    alike all around has the same error where the sample is turned.
     """
     columns = run.columns
     view = direction(columns["sensor_zenith"], columns["sensor_azimuth"])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.diagnosis.acquisition import Acquisition
@@ -37,6 +38,7 @@ from twin.diagnosis.response import (
     ZenithResponse,
 )
 from twin.diagnosis.top_light import top_light
+from twin.diagnosis.turned import from_sample, rotation, seen_turned, turns
 from twin.diagnosis.variation import Variation
 from twin.diagnosis.workbench import Progress, Workbench
 from twin.optics import Setup
@@ -92,15 +94,39 @@ def responses(
             usable.append(effect)
     plans = {effect.name: _Plan.of(effect, known, run) for effect in usable}
     groups = {plan.table: plan.variations for plan in plans.values() if plan.variations}
-    rendered = dict(zip(groups, _get(store, list(groups.values()), run, progress), strict=True))
+    rendered = _rendered(store, groups, run, progress)
     found = {plan.effect.name: _response(plan, rendered, run, brf, store.workbench) for plan in plans.values()}
     return Responses(found, ruled_out)
 
 
-def _get(
-    store: RenderStore, groups: list[list[Variation]], run: Acquisition, progress: Callable[[int, int], None] | None
-) -> list[Rendered]:
-    total, done = store.missing(groups, run.columns) if progress is not None else 0, 0
+@dataclass(frozen=True)
+class _Table:
+    """Logarithm of the readings over the nominal ones, and its standard error, shape (variation, point) each."""
+
+    log_ratio: FloatArray
+    u: FloatArray
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Variations by table, to be rendered at the same points."""
+
+    groups: dict[str, list[Variation]]
+    rows: NDArray[np.int64]
+    columns: dict[str, FloatArray]
+
+
+def _rendered(
+    store: RenderStore,
+    groups: dict[str, list[Variation]],
+    run: Acquisition,
+    progress: Callable[[int, int], None] | None,
+) -> dict[str, _Table]:
+    """Tables by name. Geometries are rendered as the sample sees them, with what it sees of each variation."""
+    batches = _batches(groups, run)
+    total, done = 0, 0
+    if progress is not None:
+        total = sum(store.missing(list(batch.groups.values()), batch.columns) for batch in batches)
 
     def step(count: int) -> None:
         nonlocal done
@@ -109,7 +135,32 @@ def _get(
         progress(min(done, total), total)
 
     counting: Progress | None = None if progress is None else step
-    return store.get(groups, run.columns, counting)
+    parts: dict[str, list[tuple[NDArray[np.int64], Rendered, FloatArray]]] = {name: [] for name in groups}
+    for batch in batches:
+        found = store.get(list(batch.groups.values()), batch.columns, counting)
+        for name, one in zip(batch.groups, found, strict=True):
+            parts[name].append((batch.rows, one, one.log_ratio(batch.columns)))
+    tables = {}
+    for name, some in parts.items():
+        log_ratio, u = (np.empty((len(groups[name]), len(run))) for _ in range(2))
+        for rows, one, logarithm in some:
+            log_ratio[:, rows], u[:, rows] = logarithm, one.u
+        tables[name] = _Table(log_ratio, u)
+    return tables
+
+
+def _batches(groups: dict[str, list[Variation]], run: Acquisition) -> list[_Batch]:
+    """All points together; for each rotation of the sample its own points, where it sees other variations."""
+    seen, turned = from_sample(run.columns), rotation(run.columns)
+    angles = np.unique(turned)
+    apart = [name for name, some in groups.items() if any(map(turns, some))] if np.any(angles) else []
+    together = {name: some for name, some in groups.items() if name not in apart}
+    found = [_Batch(together, np.arange(len(run)), seen)] if together else []
+    for angle in angles if apart else ():
+        rows = np.flatnonzero(turned == angle)
+        mine = {name: [seen_turned(variation, float(angle)) for variation in groups[name]] for name in apart}
+        found.append(_Batch(mine, rows, {name: column[rows] for name, column in seen.items()}))
+    return found
 
 
 @dataclass(frozen=True)
@@ -143,12 +194,12 @@ class _Plan:
 
 
 def _response(
-    plan: _Plan, rendered: dict[str, Rendered], run: Acquisition, brf: FloatArray, workbench: Workbench
+    plan: _Plan, rendered: dict[str, _Table], run: Acquisition, brf: FloatArray, workbench: Workbench
 ) -> AnyResponse:
     if isinstance(plan.effect, ReadingEffect):
         return ComputedResponse(plan.effect, plan.parameters, run, brf)
     own = rendered[plan.table]
-    log_ratio = own.log_ratio(run.columns)
+    log_ratio = own.log_ratio
     if isinstance(plan.effect, ZenithEffect):
         change = workbench.reference_change
         return ZenithResponse(plan.effect, plan.parameters, run, log_ratio, own.u, change)
@@ -156,7 +207,7 @@ def _response(
         return AzimuthResponse(plan.effect, plan.parameters, run, log_ratio, own.u)
     if isinstance(plan.effect, TopEffect):
         share = -np.expm1(log_ratio[0]) / (1 - _DIMMED)
-        return TopResponse(plan.effect, plan.parameters, share, *top_light(workbench.known, run.columns))
+        return TopResponse(plan.effect, plan.parameters, share, *top_light(workbench.known, from_sample(run.columns)))
     shape = [len(axis) for axis in plan.axes]
     reference = np.array([np.log(workbench.reference_change(v.reference_setup())) for v in plan.variations])
     table = (log_ratio - reference[:, None]).reshape(*shape, -1)

@@ -13,6 +13,7 @@ from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.changes import Retroreflection, SpecularLobe
 from twin.diagnosis.direct_light import pierced_plate
 from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect, SceneEffect
+from twin.diagnosis.turned import rotation
 from twin.diagnosis.variation import Variation
 
 _CAVITY = (Surface.FLOOR, Surface.UNDERSIDE, Surface.SPACER)
@@ -150,9 +151,9 @@ class Translucency(SceneEffect):
 class Anisotropy(ReadingEffect):
     """Relative modulation with twice the azimuth about an axis fixed in the sample.
 
-    1 + amplitude cos(2 (sensor azimuth - axis)) sin^q(sensor zenith), q = 2 unless the run says more: the lowest
-    harmonic that is smooth where the view along the normal has no azimuth. Grooves show as well near the normal as at
-    grazing views (q below 2), shadows between them at grazing views alone.
+    1 + amplitude cos(2 (sensor azimuth - axis)) sin^q(sensor zenith), the azimuth as the sample sees it, and q = 2
+    unless the run says more: the lowest harmonic that is smooth where the view along the normal has no azimuth. Grooves
+    show as well near the normal as at grazing views (q below 2), shadows between them at grazing views alone.
     """
 
     name = "anisotropy"
@@ -167,6 +168,7 @@ class Anisotropy(ReadingEffect):
     separated_by = "the same scan with the sample turned by 90 degrees"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        azimuth, sine = run.columns["sensor_azimuth"], np.abs(np.sin(np.deg2rad(run.columns["sensor_zenith"])))
+        azimuth = run.columns["sensor_azimuth"] - rotation(run.columns)
+        sine = np.abs(np.sin(np.deg2rad(run.columns["sensor_zenith"])))
         amplitude, axis, power = values[..., :1], values[..., 1:2], values[..., 2:]
         return np.asarray(brf * (1 + amplitude * np.cos(2 * np.deg2rad(azimuth - axis)) * sine**power))

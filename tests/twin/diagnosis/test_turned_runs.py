@@ -1,0 +1,199 @@
+"""Runs of a turned sample: what stays with the arms and what turns with the sample."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from synthetic_runs import grid, nominal, observed
+from traced_samples import columns, facility, flat
+
+from instrument.angles import direction
+from instrument.events import Geometry
+from instrument.turning import driven
+from twin.diagnosis.acquisition import Acquisition, travel_direction
+from twin.diagnosis.covariance import smooth_gap
+from twin.diagnosis.effects import ReadingEffect, effect
+from twin.diagnosis.joint import joined
+from twin.diagnosis.observation import observe
+from twin.diagnosis.preparation import model_error
+from twin.diagnosis.renders import RenderStore
+from twin.diagnosis.response import AnyResponse
+from twin.diagnosis.responses import responses
+from twin.diagnosis.turned import ROTATION, arm_columns, from_sample
+from twin.diagnosis.workbench import Workbench
+from twin.material import lambertian
+
+ZENITH = np.array([65.0, 40.0, 20.0, -20.0, -40.0, -65.0])
+PLANE = columns(30.0, ZENITH, 0.0)
+
+
+def run_file(where: dict[str, np.ndarray]) -> xr.Dataset:
+    brf = nominal(where)
+    values = where | {"brf": brf, "u_brf": 0.01 * brf}
+    units = {"wavelength": "nm", "brf": "1", "u_brf": "1"}
+    return xr.Dataset({name: ("point", v, {"units": units.get(name, "degree")}) for name, v in values.items()})
+
+
+def turned(where: dict[str, np.ndarray], angle: float) -> dict[str, np.ndarray]:
+    return where | {ROTATION: np.full(len(where["sensor_zenith"]), angle)}
+
+
+def taken(where: dict[str, np.ndarray]) -> Acquisition:
+    count = len(where["sensor_zenith"])
+    order = np.arange(count)
+    previous = np.concatenate([order[:1], order[:-1]])
+    azimuth = np.array([0.0, 45.0, 90.0, 135.0])
+    return Acquisition(where, np.ones(count), 15.0, azimuth, previous, travel_direction(where, order))
+
+
+def reading(name: str, where: dict[str, np.ndarray], *values: float) -> np.ndarray:
+    """Relative change of a reading by an effect that needs no ray."""
+    found = effect(name)
+    assert isinstance(found, ReadingEffect)
+    run = taken(where)
+    return found.reading(run, np.full(len(run), 0.5), np.array(values)) / 0.5 - 1
+
+
+def response(name: str, where: dict[str, np.ndarray], bench: Workbench) -> AnyResponse:
+    run = taken(where)
+    store = RenderStore(bench, None)
+    return responses(run, np.full(len(run), 0.5), store, effects=[effect(name)]).found[name]
+
+
+def test_a_turned_run_keeps_the_angles_of_the_arms_and_says_how_far_it_was_turned():
+    run = observe(run_file(turned(grid({30.0: (0.0, 90.0)}), 90.0)), "run.nc")
+    assert set(run.columns["sensor_azimuth"]) == {0.0, 90.0}
+    np.testing.assert_array_equal(run.columns[ROTATION], 90.0)
+    seen = from_sample(run.columns)
+    np.testing.assert_array_equal(seen["illumination_azimuth"], 270.0)
+    assert set(seen["sensor_azimuth"]) == {270.0, 0.0}
+
+
+def test_a_run_that_was_not_turned_says_nothing_of_it():
+    run = observe(run_file(turned(grid({30.0: (0.0, 90.0)}), 0.0)), "run.nc")
+    assert ROTATION not in run.columns
+    assert from_sample(run.columns) == run.columns
+
+
+@pytest.mark.parametrize(("azimuth", "sensor"), [(-90.0, 0.0), (90.0, 75.0), (45.0, 170.0), (-30.0, 180.0)])
+def test_an_illumination_azimuth_is_a_sample_turned_the_other_way(azimuth: float, sensor: float):
+    """The arms stand where the engine drives them, and the sample sees light and sensor where the plan says."""
+    plan = columns(30.0, ZENITH, sensor, azimuth)
+    found = arm_columns(run_file(plan))
+    np.testing.assert_array_equal(found["illumination_azimuth"], 0.0)
+    np.testing.assert_array_equal(found[ROTATION], -azimuth)
+    for number in range(len(ZENITH)):
+        point = Geometry(**{name: float(column[number]) for name, column in plan.items()})
+        _, *arms = driven(point)
+        assert [found["sensor_azimuth"][number], found["sensor_zenith"][number]] == arms
+    seen = from_sample(found)
+    for zenith, angle in (("illumination_zenith", "illumination_azimuth"), ("sensor_zenith", "sensor_azimuth")):
+        np.testing.assert_allclose(
+            direction(seen[zenith], seen[angle]), direction(plan[zenith], plan[angle]), atol=1e-12
+        )
+
+
+def test_anisotropy_changes_its_sign_in_a_sample_turned_by_a_right_angle_and_polarisation_does_not():
+    quarter = turned(PLANE, 90.0)
+    sine = np.sin(np.deg2rad(ZENITH)) ** 2
+    np.testing.assert_allclose(reading("anisotropy", PLANE, 0.04, 0.0, 2.0), 0.04 * sine)
+    np.testing.assert_allclose(reading("anisotropy", quarter, 0.04, 0.0, 2.0), -0.04 * sine)
+    np.testing.assert_allclose(reading("polarization", quarter, 0.04, 2.0), reading("polarization", PLANE, 0.04, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("cable_torsion", (0.02, 0.01)), ("ghost", (0.05, 30.0, 45.0, 12.0)), ("arm_shadow", (0.1, 8.0))],
+)
+def test_what_belongs_to_the_arms_does_not_ask_how_the_sample_lies(name: str, values: tuple[float, ...]):
+    where = columns(30.0, ZENITH, 50.0)
+    found = reading(name, turned(where, 35.0), *values)
+    assert np.abs(found).max() > 5e-5
+    np.testing.assert_array_equal(found, reading(name, where, *values))
+
+
+def test_an_axis_in_the_sample_turns_with_it():
+    """Turned by R, an axis at a looks like one at a + R."""
+    where = columns(30.0, ZENITH, 50.0)
+    found = reading("anisotropy", turned(where, 35.0), 0.04, 20.0, 2.0)
+    np.testing.assert_allclose(found, reading("anisotropy", where, 0.04, 55.0, 2.0), atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def flat_bench() -> Workbench:
+    """A narrow beam inside a wide field of view."""
+    return Workbench(facility(4.0, target=40.0), flat(), lambertian(0.6), samples=1)
+
+
+def test_a_tilt_turns_with_the_sample_and_a_zero_of_the_arm_does_not(flat_bench: Workbench):
+    """Half a turn makes a tilt towards one side one towards the other; the arm knows nothing of it."""
+    half = turned(PLANE, 180.0)
+    tilt, back = (response("sample_tilt", where, flat_bench) for where in (PLANE, half))
+    values = np.array([[0.3, 0.6], [0.0, -0.9]])
+    np.testing.assert_allclose(back.log_ratio(values), tilt.log_ratio(-values), atol=1e-6)
+    assert np.abs(tilt.log_ratio(values)).max() > 0.01
+    zero, same = (response("sensor_zenith_offset", where, flat_bench) for where in (PLANE, half))
+    np.testing.assert_allclose(same.log_ratio(np.array([[0.7]])), zero.log_ratio(np.array([[0.7]])), atol=1e-6)
+
+
+def test_a_quarter_of_a_turn_makes_a_tilt_about_x_one_about_y(flat_bench: Workbench):
+    tilt, quarter = (response("sample_tilt", where, flat_bench) for where in (PLANE, turned(PLANE, 90.0)))
+    # The sample's x axis points along the laboratory's y.
+    np.testing.assert_allclose(
+        quarter.log_ratio(np.array([[0.8, 0.0]])), tilt.log_ratio(np.array([[0.0, 0.8]])), atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("angle", [90.0, 35.0])
+def test_the_beam_stays_in_the_laboratory(angle: float):
+    """A flat sample looks the same however it is turned: so must a beam that is displaced, at any angle."""
+    bench = Workbench(facility(4.0, target=5.0), flat(), lambertian(0.6), samples=1)
+    where = columns(30.0, ZENITH[:3], 50.0)
+    along, across = np.array([[1.4, 0.0]]), np.array([[0.0, 1.4]])
+    still, seen = response("beam_offset", where, bench), response("beam_offset", turned(where, angle), bench)
+    assert np.abs(still.log_ratio(along) - still.log_ratio(across)).max() > 0.02
+    for values in (along, across, np.array([[-0.7, 1.4]])):
+        np.testing.assert_allclose(seen.log_ratio(values), still.log_ratio(values), atol=2e-3)
+
+
+def test_points_of_several_rotations_are_each_seen_from_their_own_sample(flat_bench: Workbench):
+    still, half = columns(30.0, ZENITH[:2], 50.0), columns(30.0, ZENITH[:2], 50.0)
+    both = {name: np.concatenate([still[name], half[name]]) for name in still} | {ROTATION: np.repeat([0.0, 180.0], 2)}
+    values = np.array([[1.0, -0.5]])
+    for name in ("beam_offset", "sample_tilt"):
+        together = response(name, both, flat_bench).log_ratio(values)
+        apart = [response(name, w, flat_bench).log_ratio(values) for w in (still, turned(half, 180.0))]
+        np.testing.assert_array_equal(together, np.concatenate(apart, axis=1))
+
+
+def test_slices_of_different_rotations_are_different_planes():
+    still, quarter = observed(grid({30.0: (0.0,)})), observed(turned(grid({30.0: (0.0,)}), 90.0))
+    together = joined([still, quarter])
+    np.testing.assert_array_equal(together.columns[ROTATION], np.repeat([0.0, 90.0], len(still)))
+    np.testing.assert_array_equal(together.plane, np.repeat([0, 1], len(still)))
+
+
+def test_errors_of_the_reflection_model_are_those_of_the_same_directions_seen_from_the_light():
+    still = observed(grid({30.0: (0.0, 90.0)}))
+    together = joined([still, observed(turned(grid({30.0: (0.0, 90.0)}), 90.0))])
+    first, second = np.split(model_error(together), 2)
+    np.testing.assert_allclose(first, second, atol=1e-12)
+
+
+def test_half_of_a_gap_of_unknown_cause_turns_with_the_sample():
+    still = columns(0.0, np.array([60.0, 60.0]), np.array([0.0, 90.0]))
+    run = observed(still | {ROTATION: np.array([0.0, 90.0])})
+    shapes = dict(smooth_gap(run))["local, 8 degrees"]
+    # The sample sees both points from the same side, the arms from two.
+    np.testing.assert_allclose(shapes, [[1.0, 0.5], [0.5, 1.0]], atol=1e-6)
+
+
+def test_the_diagnosis_reads_a_turned_run_from_its_file(tmp_path: Path):
+    from twin.diagnosis.observation import read_observation
+
+    file = tmp_path / "run.nc"
+    run_file(turned(grid({30.0: (0.0, 90.0)}), -45.0)).to_netcdf(file, engine="h5netcdf")
+    np.testing.assert_array_equal(read_observation(file).columns[ROTATION], -45.0)
