@@ -1,7 +1,8 @@
 """Which scan to take next: feasible ones by what they are expected to say about the causes, an hour.
 
 Without asking for more only slices of the run are weighed, read again in several ways: what every effect does there is
-known, so nothing is rendered. :func:`further` adds planes and illumination angles that the run lacks.
+known, so nothing is rendered. :func:`further` adds planes and illumination angles that the run lacks, a turned sample,
+the white reference and the coupon.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from instrument.errors import InputError
 from instrument.output import write_result
 from twin.diagnosis.next_explanations import Explanation, entropy, explanations, known_of
 from twin.diagnosis.next_information import Outlook, Worth
-from twin.diagnosis.next_plan import duration_of, plan_text
+from twin.diagnosis.next_plan import duration_of, plan_columns, plan_text
 from twin.diagnosis.next_scans import Scan, other_geometries, scans
 from twin.diagnosis.next_stage import Stage, coupon_stage, white_stage, wider
 from twin.diagnosis.nuisance import ROWS, STATED
@@ -143,7 +144,7 @@ def weighed(outlook: Outlook, facility: Facility, some: Iterable[Scan]) -> list[
         stage = outlook.stages[scan.stage]
         columns = {name: column[scan.rows] for name, column in stage.observation.columns.items()}
         remark = _DIMMED_REMARK if scan.light < 1 else _OTHER_REMARK.format(stage.sample) if stage.sample else ""
-        text = plan_text(f"next: {scan.description}", columns, remark)
+        text = plan_text(f"next: {scan.description}", plan_columns(columns, facility.arms), remark)
         try:
             duration = duration_of(text, facility)
         except InputError:

@@ -13,12 +13,16 @@ from instrument.forms import parse_form, parse_toml
 from instrument.plan import PlanForm, make_plan
 from instrument.plan_summary import Speeds, go_through, pace_on_paper
 from instrument.settings import ScanSettings
+from twin.diagnosis.turned import ROTATION, rotation
+from twin.optics import COORDINATES
 
 if TYPE_CHECKING:
-    from instrument.facility import Facility
+    from instrument.facility import Arms, Facility
 
 #: Axes of a plane, in the order of a plan.
-_PLANE = ("wavelength", "illumination_zenith", "illumination_azimuth", "sensor_azimuth")
+_PLANE = ("wavelength", ROTATION, "illumination_zenith", "illumination_azimuth", "sensor_azimuth")
+#: Those that a plan leaves out where they are 0, and whether it has a list of them.
+_LEFT_OUT = {ROTATION: True, "illumination_azimuth": False}
 #: Detector readings a point.
 SAMPLES = 9
 #: Speeds that ``goniotwin plan`` takes for axes that nobody describes, degree/s and degree/s^2.
@@ -32,7 +36,7 @@ def plan_text(title: str, columns: dict[str, FloatArray], remarks: str = "") -> 
     Parameters
     ----------
     columns, shape (point,)
-        Commanded geometries.
+        Geometries as a plan states them: of an instrument (:func:`plan_columns`).
     remarks
         What whoever measures has to do besides; kept in the run's record.
     """
@@ -45,11 +49,31 @@ def plan_text(title: str, columns: dict[str, FloatArray], remarks: str = "") -> 
     if remarks:
         parts.append("[record]\n" + _lines({"remarks": remarks}))
     for sweep in sweeps:
-        listed = {name: [sweep[name]] for name in _PLANE if name != "illumination_azimuth"}
-        if sweep["illumination_azimuth"]:
-            listed["illumination_azimuth"] = sweep["illumination_azimuth"]
+        listed = {name: [sweep[name]] for name in _PLANE if name not in _LEFT_OUT}
+        for name, several in _LEFT_OUT.items():
+            if sweep[name]:
+                listed[name] = [sweep[name]] if several else sweep[name]
         parts.append("[[part]]\n" + _lines(listed | {"sensor_zenith": sweep["sensor_zenith"]}))
     return "\n".join(parts)
+
+
+def plan_columns(columns: dict[str, FloatArray], arms: Arms) -> dict[str, FloatArray]:
+    """Geometries of arms and sample as the plan of an instrument states them.
+
+    Where a stage turns the sample, as they are. Hands turn it to an illumination azimuth, and a plan's angles are then
+    those of the sample; a sensor azimuth beyond the arm's travel is stated from the other side.
+    """
+    turned = rotation(columns)
+    if arms.sample_rotation is not None or not np.any(turned):
+        return columns
+    low, high = arms.sensor_azimuth
+    azimuth = np.where(turned == 0, columns["sensor_azimuth"], np.mod(columns["sensor_azimuth"] - turned, 360.0))
+    beyond = (turned != 0) & ((azimuth < low) | (azimuth > high))
+    return {name: columns[name] for name in COORDINATES} | {
+        "illumination_azimuth": columns["illumination_azimuth"] - turned,
+        "sensor_azimuth": np.where(beyond, np.mod(azimuth + 180.0, 360.0), azimuth),
+        "sensor_zenith": np.where(beyond, -columns["sensor_zenith"], columns["sensor_zenith"]),
+    }
 
 
 def _lines(keys: Mapping[str, Any]) -> str:
@@ -60,7 +84,8 @@ def _lines(keys: Mapping[str, Any]) -> str:
 def _sweeps(columns: dict[str, FloatArray]) -> list[dict[str, Any]]:
     """Points in sequence that share a plane and go one way; a turn begins another sweep."""
     zenith = columns["sensor_zenith"]
-    plane = np.round(np.stack([columns[name] for name in _PLANE], axis=1), 6) + 0.0
+    known = columns | {ROTATION: rotation(columns)}
+    plane = np.round(np.stack([known[name] for name in _PLANE], axis=1), 6) + 0.0
     found: list[dict[str, Any]] = []
     way = 0.0
     for number in range(len(zenith)):

@@ -1,4 +1,4 @@
-"""Feasible scans after a run: slices as they were, reversed, back and forth, dimmed; other planes; other light."""
+"""Feasible scans after a run: slices as they were, reversed, back and forth, dimmed; other planes, light, rotation."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
-from twin.diagnosis.next_stage import Stage, geometries, unshadowed
+from twin.diagnosis.next_plan import plan_columns
+from twin.diagnosis.next_stage import Stage, geometries, one_illumination, unshadowed, usual_rotation
 from twin.diagnosis.observation import LEAST_FOLLOWING, Observation
+from twin.diagnosis.turned import ROTATION, alike, of_the_arms, rotation
+from twin.optics import COORDINATES
 
 if TYPE_CHECKING:
     from instrument.facility import Arms
@@ -26,7 +29,11 @@ _LIGHTS, _NEW_LIGHT = (0.0, 15.0, 30.0, 45.0, 60.0), 7.5
 #: Other planes of an illumination zenith at most, and other illumination zeniths.
 _NEW_PLANES, _NEW_LIGHTS = 2, 2
 #: Kinds whose geometries the run may lack.
-PLANE, LIGHT = "another plane", "another illumination"
+PLANE, LIGHT, TURNED = "another plane", "another illumination", "turned sample"
+#: By how much the sample is turned, degree: an axis in it changes places with that across it; a side with the other.
+_TURNS = (90.0, 180.0)
+#: Slices of a turned sample are thinned to about so many points.
+_MOST_TURNED = 11
 
 
 @dataclass(frozen=True)
@@ -67,9 +74,12 @@ def scans(stages: Sequence[Stage]) -> list[Scan]:
     for rows in _apart(run, list(_slices(run, np.arange(stage.of_run)))):
         found += _again(run, rows)
     known = np.unique(np.round(run.columns["illumination_zenith"][: stage.of_run], 6))
+    turned = rotation(run.columns)
     for rows in _slices(run, np.arange(stage.of_run, len(run))):
         light = run.columns["illumination_zenith"][rows[0]]
         kind = PLANE if np.any(np.abs(known - light) < 1e-6) else LIGHT
+        if turned[rows[0]] not in turned[: stage.of_run]:
+            kind = TURNED
         found.append(Scan(kind, f"a slice at {_where(run, rows)} ({_span(run, rows)})", rows))
     for number, other in enumerate(others, start=1):
         for rows in _slices(other.observation, np.arange(len(other.observation))):
@@ -115,7 +125,9 @@ def _again(run: Observation, rows: IntArray) -> Iterator[Scan]:
 
 def _where(run: Observation, rows: IntArray) -> str:
     light, azimuth = (run.columns[name][rows[0]] for name in ("illumination_zenith", "sensor_azimuth"))
-    return f"illumination zenith {light:g}, sensor azimuth {azimuth:g} degrees"
+    turned = float(rotation(run.columns)[rows[0]])
+    text = f"illumination zenith {light:g}, sensor azimuth {azimuth:g} degrees"
+    return text + (f", sample turned by {turned:g} degrees" if turned else "")
 
 
 def _span(run: Observation, rows: IntArray) -> str:
@@ -124,12 +136,12 @@ def _span(run: Observation, rows: IntArray) -> str:
 
 
 def other_geometries(run: Observation, arms: Arms) -> dict[str, FloatArray]:
-    """Planes that the run lacks: between its azimuths at each illumination zenith, and at other illumination zeniths.
+    """Planes that the run lacks: between its azimuths at each illumination zenith, at others, and of a turned sample.
 
     Returns
     -------
     dict
-        Columns as :func:`~twin.optics.geometry_columns`, of shape (point,); empty ones where nothing is left.
+        Columns as :func:`~twin.diagnosis.turned.arm_columns`, of shape (point,); empty ones where nothing is left.
     """
     columns = run.columns
     values, counts = np.unique(columns["wavelength"], return_counts=True)
@@ -146,14 +158,55 @@ def other_geometries(run: Observation, arms: Arms) -> dict[str, FloatArray]:
     # The largest first: what depends on the light's angle grows with it.
     for light in sorted(new, reverse=True)[:_NEW_LIGHTS]:
         parts.append(geometries(wavelength, [light], [0.0, 90.0], zeniths))
+    usual = usual_rotation(run)
+    if usual:
+        parts = [part | {ROTATION: np.full(len(part["wavelength"]), usual)} for part in parts]
+    parts = alike(parts + turned_geometries(run, arms, wavelength))
     every = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return unshadowed(every, arms.shadow_half_angle)
 
 
-def thinned(zenith: FloatArray) -> FloatArray:
-    """The run's sensor zeniths, from the first end to the last, at most about 17 of them, evenly."""
+def turned_geometries(run: Observation, arms: Arms, wavelength: float) -> list[dict[str, FloatArray]]:
+    """Slices along and across the plane of incidence with the sample turned, where a stage or hands can turn it.
+
+    At the illumination zenith with most of the run's points, a part for each rotation.
+    """
+    rows = one_illumination(run)
+    light = float(run.columns["illumination_zenith"][rows[0]])
+    slices = _apart(run, list(_slices(run, rows)))
+    azimuths = sorted({float(run.columns["sensor_azimuth"][one[0]]) for one in slices})
+    zeniths = thinned(run.columns["sensor_zenith"], _MOST_TURNED)
+    found = []
+    for angle in _rotations(run, arms):
+        part = geometries(wavelength, [light], azimuths, zeniths)
+        part[ROTATION] = np.full(len(part["wavelength"]), angle)
+        # By hands some directions are reached from the other side: arms as the plan will have them.
+        stated = plan_columns(part, arms)
+        found.append(of_the_arms({name: stated[name] for name in COORDINATES}, rotation(stated)))
+    return found
+
+
+def _rotations(run: Observation, arms: Arms) -> list[float]:
+    """New rotations of the sample that the instrument can give, at most one for each of :data:`_TURNS`."""
+    known, usual = np.unique(rotation(run.columns)), usual_rotation(run)
+    travel, way = arms.sample_rotation, 1.0
+    if travel is None:
+        travel, way = arms.illumination_azimuth, -1.0
+    if travel is None:
+        return []
+    found = []
+    for turn in _TURNS:
+        # Hands turn it to a positive azimuth where they can: the arm's travel then needs no other side.
+        both = [usual + way * turn, usual - way * turn]
+        free = [one for one in both if travel[0] <= way * one <= travel[1] and one not in known]
+        found += free[:1]
+    return found
+
+
+def thinned(zenith: FloatArray, most: int = _MOST) -> FloatArray:
+    """The run's sensor zeniths, from the first end to the last, at most about so many of them, evenly."""
     distinct = np.unique(np.round(zenith, 6))
-    step = int(np.ceil(len(distinct) / _MOST))
+    step = int(np.ceil(len(distinct) / most))
     chosen = distinct[(len(distinct) - 1) % step // 2 :: step]
     descends = len(zenith) > 1 and zenith[1] < zenith[0]
     return np.asarray(chosen[::-1] if descends else chosen)

@@ -19,7 +19,7 @@ from twin.diagnosis.observation import Observation
 from twin.diagnosis.plausible import flat_reflectance
 from twin.diagnosis.preparation import model_error
 from twin.diagnosis.response import AnyResponse, Response
-from twin.diagnosis.turned import alike
+from twin.diagnosis.turned import alike, rotation
 from twin.diagnosis.white_reference import prepare_white
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def wider(
 
 def white_stage(bench: Bench, run: Observation, effects: Sequence[Effect]) -> Stage:
     """The white reference at the run's sensor directions, one illumination zenith; nothing is rendered."""
-    some = run.take(_one_illumination(run))
+    some = run.take(one_illumination(run))
     factor = bench.facility.reference.reflectance_factor
     reading = _reads(some, np.full(len(some), factor))
     prepared = prepare_white(bench, reading, effects)
@@ -136,7 +136,7 @@ def coupon_stage(bench: Bench, run: Observation, shown: Iterable[Response]) -> S
     shown
         Effects in question, as the run of the sample shows them.
     """
-    some = run.take(_one_illumination(run))
+    some = run.take(one_illumination(run))
     reading = _reads(some, flat_reflectance(bench.material, some))
     prepared = prepare_coupon(bench.flat(), reading, shown)
     errors = [change for _, change in table_errors(bench, reading)]
@@ -146,11 +146,17 @@ def coupon_stage(bench: Bench, run: Observation, shown: Iterable[Response]) -> S
     return replace(found, labelled=found.labelled | own, unlabelled=np.zeros((len(some), 0)), sample=COUPON)
 
 
-def _one_illumination(run: Observation) -> IntArray:
-    """Points of the illumination zenith with most of them."""
-    light = run.columns["illumination_zenith"]
-    values, counts = np.unique(np.round(light, 6), return_counts=True)
-    return np.flatnonzero(np.abs(light - values[np.argmax(counts)]) < 1e-6)
+def one_illumination(run: Observation) -> IntArray:
+    """Points of the usual rotation of the sample, and of the illumination zenith with most of them."""
+    light, usual = run.columns["illumination_zenith"], rotation(run.columns) == usual_rotation(run)
+    values, counts = np.unique(np.round(light[usual], 6), return_counts=True)
+    return np.flatnonzero(usual & (np.abs(light - values[np.argmax(counts)]) < 1e-6))
+
+
+def usual_rotation(run: Observation) -> float:
+    """How far the sample was turned at most of the points, degree."""
+    values, counts = np.unique(rotation(run.columns), return_counts=True)
+    return float(values[np.argmax(counts)])
 
 
 def _reads(run: Observation, brf: FloatArray) -> Observation:

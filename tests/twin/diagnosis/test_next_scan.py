@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from synthetic_runs import Formula, Parameter, grid, nominal, observed
 
-from instrument.facility import read_facility
+from instrument.facility import Facility, read_facility
 from instrument.forms import parse_form, parse_toml
 from instrument.plan import PlanForm, make_plan
 from sim_fixtures.examples import example_files
@@ -18,10 +18,12 @@ from twin.diagnosis.covariance import Structure
 from twin.diagnosis.followup import ranked
 from twin.diagnosis.next_explanations import Explanation, entropy, known_of
 from twin.diagnosis.next_information import Outlook
-from twin.diagnosis.next_plan import duration_of, plan_text
-from twin.diagnosis.next_scans import Scan, between, other_geometries, scans, thinned
+from twin.diagnosis.next_plan import duration_of, plan_columns, plan_text
+from twin.diagnosis.next_scans import TURNED, Scan, between, other_geometries, scans, thinned, turned_geometries
 from twin.diagnosis.next_stage import Stage, read_again, taken_again
 from twin.diagnosis.problem import Problem
+from twin.diagnosis.turned import ROTATION, alike, of_the_arms, rotation
+from twin.optics import geometry_columns, sample_rotation
 
 PLANES = {30.0: (0.0, 90.0)}
 NOISE = 0.006
@@ -250,3 +252,64 @@ def test_of_many_planes_those_along_and_across_the_plane_of_incidence_are_read_a
         for scan in scans([here])
     }
     assert found == {(0.0, 0.0), (0.0, 90.0), (30.0, 20.0), (30.0, 70.0)}
+
+
+def facility_that_turns(**arms: tuple[float, float]) -> Facility:
+    known = read_facility(example_files().facility)
+    return known.model_copy(update={"arms": known.arms.model_copy(update=arms)})
+
+
+def planned(columns: dict[str, np.ndarray], facility: Facility) -> dict[str, np.ndarray]:
+    """What the arms have at the points of a proposed plan, as a run of it would say."""
+    text = plan_text("", plan_columns(columns, facility.arms))
+    points = make_plan(parse_form(parse_toml(text, "x"), PlanForm, "x"), facility, "x").points
+    assert duration_of(text, facility) > 0
+    return of_the_arms(geometry_columns(points), sample_rotation(points))
+
+
+@pytest.mark.parametrize(
+    ("arms", "rotations"),
+    [
+        ({"sample_rotation": (-180.0, 180.0)}, {90.0, 180.0}),
+        ({"sample_rotation": (-100.0, 0.0)}, {-90.0}),
+        # Hands turn the sample by minus the azimuth of the light.
+        ({"illumination_azimuth": (-90.0, 90.0)}, {-90.0}),
+        ({"illumination_azimuth": (-90.0, 0.0)}, {90.0}),
+        ({"illumination_azimuth": (0.0, 180.0)}, {-90.0, -180.0}),
+        ({}, set()),
+    ],
+)
+def test_a_turned_sample_is_offered_where_stage_or_hands_can_turn_it(arms: dict, rotations: set[float]):
+    facility = facility_that_turns(**arms)
+    run = observed(grid({30.0: (0.0, 45.0, 90.0)}))
+    found = other_geometries(run, facility.arms)
+    turned = {name: column[rotation(found) != 0] for name, column in found.items()}
+    assert set(rotation(turned)) == rotations
+    if rotations:
+        # Two slices of eleven points, one of which lies in the shadow.
+        assert len(rotation(turned)) == 21 * len(rotations)
+        assert np.all(np.sin(np.deg2rad(2 * turned["sensor_azimuth"])) < 1e-9)
+        assert set(turned["illumination_zenith"]) == {30.0}
+        # The plan, and the run that follows from it, have the arms where the scan was weighed.
+        for name, column in planned(turned, facility).items():
+            np.testing.assert_allclose(column, turned[name], atol=1e-9)
+
+
+def test_slices_of_a_turned_sample_are_a_kind_of_their_own_and_say_how_far():
+    facility = facility_that_turns(sample_rotation=(-180.0, 180.0))
+    _, here = stage([constant("shift", count=18)])
+    more = turned_geometries(here.observation, facility.arms, 500.0)
+    every = alike([here.observation.columns, *more])
+    columns = {name: np.concatenate([part[name] for part in every]) for name in every[0]}
+    wide = replace(here, observation=observed(columns))
+    found = {scan.description for scan in scans([wide]) if scan.kind == TURNED}
+    assert len(found) == 4
+    assert any("sensor azimuth 90 degrees, sample turned by 180 degrees (" in text for text in found)
+
+
+def test_a_run_of_a_turned_sample_is_followed_by_other_rotations():
+    facility = facility_that_turns(sample_rotation=(-180.0, 180.0))
+    columns = grid({30.0: (0.0, 90.0)}, 10.0)
+    run = observed(columns | {ROTATION: np.full(len(columns["wavelength"]), 90.0)})
+    found = other_geometries(run, facility.arms)
+    assert set(rotation(found)) == {90.0, 180.0, -90.0}
