@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,11 @@ from traced_samples import columns, facility, flat
 
 from instrument.angles import direction
 from instrument.events import Geometry
+from instrument.facility import read_facility
 from instrument.turning import driven
+from sim_fixtures.examples import example_files
+from sim_fixtures.examples.coupon import flat_sample
+from sim_fixtures.reality import Imperfections, Reality
 from twin.diagnosis.acquisition import Acquisition, travel_direction
 from twin.diagnosis.covariance import smooth_gap
 from twin.diagnosis.effects import ReadingEffect, effect
@@ -97,11 +102,33 @@ def test_an_illumination_azimuth_is_a_sample_turned_the_other_way(azimuth: float
 
 
 def test_anisotropy_changes_its_sign_in_a_sample_turned_by_a_right_angle_and_polarisation_does_not():
-    quarter = turned(PLANE, 90.0)
+    above = columns(0.0, ZENITH, 0.0)
+    quarter = turned(above, 90.0)
     sine = np.sin(np.deg2rad(ZENITH)) ** 2
-    np.testing.assert_allclose(reading("anisotropy", PLANE, 0.04, 0.0, 2.0), 0.04 * sine)
+    np.testing.assert_allclose(reading("anisotropy", above, 0.04, 0.0, 2.0), 0.04 * sine)
     np.testing.assert_allclose(reading("anisotropy", quarter, 0.04, 0.0, 2.0), -0.04 * sine)
-    np.testing.assert_allclose(reading("polarization", quarter, 0.04, 2.0), reading("polarization", PLANE, 0.04, 2.0))
+    np.testing.assert_allclose(reading("polarization", quarter, 0.04, 2.0), reading("polarization", above, 0.04, 2.0))
+
+
+@pytest.mark.parametrize("angle", [90.0, -35.0])
+def test_a_grained_coating_that_is_turned_reads_as_another_program_says(angle: float):
+    """Light comes along the grain or across it: that changes readings as the view's azimuth does."""
+    known, grain, axis = read_facility(example_files().facility), 0.04, 20.0
+    where = columns(45.0, ZENITH, 60.0)
+
+    def seen(rotation_deg: float, **coating: float) -> np.ndarray:
+        exact = Imperfections()
+        wrong = replace(exact, coating=replace(exact.coating, **coating))
+        reality = Reality(known, flat_sample(), wrong, 5, rays=4096)
+        return np.array([reality.flux("sample", 45.0, z, 60.0, 500.0, rotation_deg) for z in ZENITH])
+
+    plain = seen(0.0)
+    np.testing.assert_allclose(seen(angle), plain, rtol=1e-3)
+    spoiled = {"grain": grain, "grain_axis_deg": axis}
+    wanted = np.log(seen(angle, **spoiled) / seen(0.0, **spoiled))
+    after, before = (np.log1p(reading("anisotropy", w, grain, axis, 2.0)) for w in (turned(where, angle), where))
+    assert np.abs(wanted).max() > 0.03
+    np.testing.assert_allclose(after - before, wanted, atol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +144,7 @@ def test_what_belongs_to_the_arms_does_not_ask_how_the_sample_lies(name: str, va
 
 def test_an_axis_in_the_sample_turns_with_it():
     """Turned by R, an axis at a looks like one at a + R."""
-    where = columns(30.0, ZENITH, 50.0)
+    where = columns(0.0, ZENITH, 50.0)
     found = reading("anisotropy", turned(where, 35.0), 0.04, 20.0, 2.0)
     np.testing.assert_allclose(found, reading("anisotropy", where, 0.04, 55.0, 2.0), atol=1e-15)
 

@@ -154,6 +154,9 @@ class Anisotropy(ReadingEffect):
     1 + amplitude cos(2 (sensor azimuth - axis)) sin^q(sensor zenith), the azimuth as the sample sees it, and q = 2
     unless the run says more: the lowest harmonic that is smooth where the view along the normal has no azimuth. Grooves
     show as well near the normal as at grazing views (q below 2), shadows between them at grazing views alone.
+
+    By reciprocity the light's direction counts as the view's does. As long as the sample lies still that is a scale of
+    each illumination; where it is turned, what this part changes by is added.
     """
 
     name = "anisotropy"
@@ -168,7 +171,14 @@ class Anisotropy(ReadingEffect):
     separated_by = "the same scan with the sample turned by 90 degrees"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        azimuth = run.columns["sensor_azimuth"] - rotation(run.columns)
-        sine = np.abs(np.sin(np.deg2rad(run.columns["sensor_zenith"])))
+        columns, turned = run.columns, rotation(run.columns)
         amplitude, axis, power = values[..., :1], values[..., 1:2], values[..., 2:]
-        return np.asarray(brf * (1 + amplitude * np.cos(2 * np.deg2rad(azimuth - axis)) * sine**power))
+
+        def along(side: str, angle: FloatArray) -> FloatArray:
+            sine = np.abs(np.sin(np.deg2rad(columns[f"{side}_zenith"])))
+            return np.asarray(np.cos(2 * np.deg2rad(columns[f"{side}_azimuth"] - angle - axis)) * sine**power)
+
+        modulation = along("sensor", turned)
+        if np.any(turned):
+            modulation = modulation + along("illumination", turned) - along("illumination", np.zeros(len(turned)))
+        return np.asarray(brf * (1 + amplitude * modulation))
