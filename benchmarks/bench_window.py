@@ -1,10 +1,11 @@
 """Frames and memory of the window over a run of 10 000 points at 100 events a second.
 
-``python benchmarks/bench_window.py [--points 10000] [--rate 100] [--page watch] [--preload 9000]`` opens the real window
-without a screen. Another thread reads the events of a scan as lines of JSON, as it does those of a scan's own process, and hands
-them to the window. Every pass of the event loop is timed by the loop itself (:class:`Loop`, a timer that is due in
-every pass), from before the scan starts: wall time, and time of the Qt thread, which other programs on the machine
-lengthen little. ``--page each`` goes from page to page and from tab to tab meanwhile.
+``python benchmarks/bench_window.py [--points 10000] [--rate 100] [--page watch] [--preload 9000]`` opens the real
+window without a screen. Another thread reads the events of a scan as lines of JSON, as it does those of a scan's own
+process, and hands them to the window. Every pass of the event loop is timed by the loop itself (:class:`Loop`, a timer
+that is due in every pass), from before the scan starts, or from when the points of ``--preload`` are there: wall time,
+and time of the Qt thread, which other programs on the machine lengthen little. ``--page each`` goes from page to page
+and from tab to tab meanwhile.
 """
 
 from __future__ import annotations
@@ -30,9 +31,8 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtCore import QEventLoop, QObject, QSettings, QTimer
 
 from gui.application import load_qt, start_application
-from gui.collecting import Collector
 from gui.notices import ControllerStarting
-from gui.run import keep_collections_short
+from gui.run import keep_passes_short
 from gui.setup import Setup
 from gui.window import MainWindow
 from gui.wire import decode, encode
@@ -187,8 +187,7 @@ def opened() -> MainWindow:
     """The window as the command opens it, with every page laid out."""
     settings = QSettings(str(Path(_HOME.name) / "settings.ini"), QSettings.Format.IniFormat)
     window = MainWindow(lambda listener, plan: NoScan(), settings, setup=Setup(simulate=True))
-    keep_collections_short(window)
-    Collector(window)
+    keep_passes_short(window)
     ready = QEventLoop()
     window.laid_out.connect(ready.quit)
     window.show()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import signal
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -18,6 +19,8 @@ from gui.sessions import live_sessions
 from gui.setup import Setup
 from gui.window import MainWindow
 from instrument.errors import EXIT_DONE, EXIT_INCOMPLETE, InputError
+
+_TURN_S = 0.0005  # of Python's 5 ms
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,7 @@ def run(options: Options) -> int:
         return controllers[-1]
 
     window = MainWindow(controller, settings, plan_needed=not options.simulate, setup=setup)
-    keep_collections_short(window)
-    Collector(window)
+    keep_passes_short(window)
     heart = obey_signals(window)
     if running := live_sessions():
         window.join(RemoteController(window.bridge, folder=running[-1].folder))
@@ -96,10 +98,12 @@ def run(options: Options) -> int:
     return EXIT_DONE if status == 0 else EXIT_INCOMPLETE
 
 
-def keep_collections_short(window: MainWindow) -> None:
-    """Leave what lives as long as the window, and the points of a plan, out of the garbage collector's rounds.
+def keep_passes_short(window: MainWindow) -> None:
+    """Let neither the garbage collector nor another thread hold the Qt thread up.
 
-    A round over everything that Qt's and the plot's modules hold takes a tenth of a second, in the middle of a scan.
+    A round of the collector over everything that Qt's and the plot's modules hold takes a tenth of a second, in the
+    middle of a scan: what lives as long as the window, and the points of a plan, are left out of it. A thread that
+    computes in Python gives way after :data:`_TURN_S`; the Qt thread asks for its turn many times in a pass.
     """
 
     def freeze() -> None:
@@ -108,6 +112,8 @@ def keep_collections_short(window: MainWindow) -> None:
 
     window.bridge.changed.connect(lambda changes: gc.freeze() if changes.scan else None)
     window.laid_out.connect(freeze)
+    Collector(window)
+    sys.setswitchinterval(_TURN_S)
 
 
 def obey_signals(window: MainWindow) -> QTimer:

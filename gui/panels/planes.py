@@ -27,7 +27,7 @@ _Index = QModelIndex | QPersistentModelIndex
 _ANGLES = ("Illum.\nzenith", "Sensor\nazimuth")
 _MISSING = "Miss-\ning"
 _MARGIN, _SIGN = 4, 16  # logical pixels beside a text; width of the sign
-_LAID_OUT = 1000  # texts that are kept ready to be drawn
+_READY = 1000  # texts that are kept ready to be drawn
 
 
 class PlaneTable(QAbstractTableModel):
@@ -40,7 +40,7 @@ class PlaneTable(QAbstractTableModel):
         self._rows: dict[PlaneKey, int] = {}
         self._columns: list[str] = []
         self._texts: dict[tuple[int, int], str] = {}  # of cells, as long as they hold
-        self._current: PlaneKey | None = None
+        self._current = -1  # row of the plane the arms are in
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
@@ -54,14 +54,14 @@ class PlaneTable(QAbstractTableModel):
         self._planes = list(self.model.planes)
         self._rows = {plane: row for row, plane in enumerate(self._planes)}
         self._texts.clear()
-        self._current = self.model.current_plane
+        self._current = self._current_row()
         wavelengths = len({plane.wavelength for plane in self._planes}) > 1
         self._columns = [*(["Wave-\nlength"] if wavelengths else []), *_ANGLES, "Points", _MISSING, *CATEGORIES]
         self.endResetModel()
 
     def update(self, planes: set[PlaneKey]) -> None:
         """Some planes have new values."""
-        self._current = self.model.current_plane
+        self._current = self._current_row()
         for row in sorted(self._rows[plane] for plane in planes if plane in self._rows):
             for column in range(len(self._columns)):
                 self._texts.pop((row, column), None)
@@ -69,7 +69,7 @@ class PlaneTable(QAbstractTableModel):
 
     def is_current(self, row: int) -> bool:
         """Whether the arms are in the plane of a row."""
-        return self._planes[row] == self._current
+        return row == self._current
 
     def text(self, row: int, column: int) -> str:
         """What a cell says."""
@@ -85,11 +85,15 @@ class PlaneTable(QAbstractTableModel):
 
     def is_count(self, column: int) -> bool:
         """Whether a column counts the points of a category."""
-        return self._columns[column] in CATEGORIES
+        return column >= len(self._columns) - len(CATEGORIES)
 
     def plane(self, row: int) -> PlaneKey:
         """The plane of a row."""
         return self._planes[row]
+
+    def _current_row(self) -> int:
+        plane = self.model.current_plane
+        return -1 if plane is None else self.row(plane)
 
     def row(self, plane: PlaneKey) -> int:
         """The row of a plane; -1 where the plan has none."""
@@ -151,40 +155,46 @@ class Cells(QStyledItemDelegate):
     def __init__(self, table: PlaneTable) -> None:
         super().__init__(table)
         self._table = table
-        self._bold = QFont()
+        self._plain, self._bold = QFont(), QFont()
         self._bold.setBold(True)
-        self._laid_out: dict[tuple[str, bool], QStaticText] = {}
+        self._ready: dict[tuple[str, bool], tuple[QStaticText, float, float]] = {}
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
         """Draw a cell: text, bold where the arms are, with a sign in the first column."""
         table, row, column, box = self._table, index.row(), index.column(), option.rect
+        here, text = table.is_current(row), table.text(row, column)
         selected = bool(option.state & QStyle.StateFlag.State_Selected)
-        palette = option.palette
         if selected:
-            painter.fillRect(box, palette.brush(QPalette.ColorRole.Highlight))
-        here = table.is_current(row)
+            painter.fillRect(box, option.palette.brush(QPalette.ColorRole.Highlight))
         if here and column == 0:
             table.here.paint(painter, box.left() + _MARGIN, box.top(), _SIGN, box.height())
-        text = table.text(row, column)
         if not text:
             return
-        laid_out = self._of(text, here)
-        size = laid_out.size()
-        free = box.width() - size.width()
+        laid_out, wide, high = self._of(text, here)
+        free = box.width() - wide
         left = box.left() + (free / 2 if table.is_count(column) else max(free - _MARGIN, 0.0))
+        at = QPointF(left, box.top() + (box.height() - high) / 2)
+        if not (here or selected):  # the painter comes with the font and the colour of the table
+            painter.drawStaticText(at, laid_out)
+            return
+        ink = QPalette.ColorRole.HighlightedText if selected else QPalette.ColorRole.Text
+        painter.save()
         painter.setFont(self._bold if here else option.font)
-        painter.setPen(palette.color(QPalette.ColorRole.HighlightedText if selected else QPalette.ColorRole.Text))
-        painter.drawStaticText(QPointF(left, box.top() + (box.height() - size.height()) / 2), laid_out)
+        painter.setPen(option.palette.color(ink))
+        painter.drawStaticText(at, laid_out)
+        painter.restore()
 
-    def _of(self, text: str, bold: bool) -> QStaticText:
-        laid_out = self._laid_out.get((text, bold))
-        if laid_out is None:
-            if len(self._laid_out) > _LAID_OUT:
-                self._laid_out.clear()
-            laid_out = self._laid_out[text, bold] = QStaticText(text)
+    def _of(self, text: str, bold: bool) -> tuple[QStaticText, float, float]:
+        """A text ready to be drawn, its width and its height."""
+        ready = self._ready.get((text, bold))
+        if ready is None:
+            if len(self._ready) >= _READY:
+                self._ready.clear()
+            laid_out = QStaticText(text)
             laid_out.setTextFormat(Qt.TextFormat.PlainText)
-            laid_out.prepare(font=self._bold if bold else QFont())
-        return laid_out
+            laid_out.prepare(font=self._bold if bold else self._plain)
+            ready = self._ready[text, bold] = (laid_out, laid_out.size().width(), laid_out.size().height())
+        return ready
 
 
 class PlanesPanel(Panel):
