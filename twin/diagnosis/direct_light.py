@@ -26,9 +26,9 @@ from twin.diagnosis.direct_light_kernels import map_floor, sum_all
 from twin.material import Material
 
 #: Nodes of a hole and of the beam, and points of the mirror that they take turns with.
-NODES, _BEAM_NODES, _MIRROR = 320, 3072, 12
+NODES, _BEAM_NODES, _MIRROR = 320, 3072, 24
 #: Parallel beams that stand for a divergent one.
-_BEAMS = 7
+_BEAMS = 12
 _GOLDEN = np.pi * (3 - np.sqrt(5))
 _CELL_MM = 0.3
 
@@ -123,22 +123,16 @@ def once_reflected(
 
 def _deviations() -> FloatArray:
     """Directions of parallel beams that stand for a divergent one, in standard deviations, shape (beam, 2)."""
-    k = np.arange(_BEAMS)
-    radius = np.sqrt(-2 * np.log1p(-(k + 0.5) / _BEAMS))
-    normal = np.stack([radius * np.cos(k * _GOLDEN), radius * np.sin(k * _GOLDEN)], axis=1)
-    centred = normal - normal.mean(axis=0)
-    # Mean and covariance exact: what a small divergence does depends on them alone.
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(np.cov(centred.T, bias=True)), centred.T).T)
+    k = np.arange(_BEAMS // 2)
+    radius = np.sqrt(-2 * np.log1p(-(2 * k + 1) / _BEAMS))
+    return balanced(np.stack([radius * np.cos(k * _GOLDEN), radius * np.sin(k * _GOLDEN)], axis=1), 1.0)
 
 
 def _deviated(layout: Layout, deviation: FloatArray) -> Layout:
-    """The same beams, turned about where they cross the sample's plane."""
+    """Beams of other directions through the same disc across the axis."""
     spread = layout.divergence_rad[:, None] * deviation
     light = layout.light + spread[:, :1] * layout.light_u + spread[:, 1:] * layout.light_v
-    light /= np.linalg.norm(light, axis=1, keepdims=True)
-    light_u = layout.light_u - light * np.sum(light * layout.light_u, axis=1, keepdims=True)
-    light_u /= np.linalg.norm(light_u, axis=1, keepdims=True)
-    return replace(layout, light=light, light_u=light_u, light_v=np.cross(light, light_u))
+    return replace(layout, light=light / np.linalg.norm(light, axis=1, keepdims=True))
 
 
 def _of_parallel(
@@ -195,7 +189,20 @@ def _of_parallel(
 
 def mirror_points() -> FloatArray:
     """Points of the mirror's disc that nodes take turns with, shape (point, 2)."""
-    return sunflower(_MIRROR)
+    k = np.arange(_MIRROR // 2)
+    radius = np.sqrt((2 * k + 1) / _MIRROR)
+    return balanced(np.stack([radius * np.cos(k * _GOLDEN), radius * np.sin(k * _GOLDEN)], axis=1), 0.25)
+
+
+def balanced(half: FloatArray, variance: float) -> FloatArray:
+    """Points, shape (n, 2), and their opposites, with a variance that is the same along every direction.
+
+    A few points that lean to one side would be read as an arm that is off. What a narrow spread does depends on mean
+    and covariance alone.
+    """
+    factor = np.linalg.cholesky(half.T @ half / len(half))
+    even = np.sqrt(variance) * np.linalg.solve(factor, half.T).T
+    return np.concatenate([even, -even])
 
 
 def sunflower(count: int) -> FloatArray:

@@ -65,14 +65,17 @@ def irradiance(
     z: float,
     beam: FloatArray,
     light: FloatArray,
+    axis: FloatArray,
     radius: float,
     decay: float,
     edge: float,
 ) -> float:
-    """Irradiance normal to the beam over that on its axis."""
+    """Irradiance normal to the light over that on the beam's axis; the profile is that across the axis."""
     a, b, c = x - beam[0], y - beam[1], z - beam[2]
-    along = a * light[0] + b * light[1] + c * light[2]
-    squared = max(0.0, a * a + b * b + c * c - along * along)
+    along = a * axis[0] + b * axis[1] + c * axis[2]
+    along /= light[0] * axis[0] + light[1] * axis[1] + light[2] * axis[2]
+    u, v, w = a - along * light[0], b - along * light[1], c - along * light[2]
+    squared = u * u + v * v + w * w
     inside = ramp((radius - np.sqrt(squared)) / edge)
     return inside * np.exp(-decay * squared) if inside > 0 else 0.0
 
@@ -139,7 +142,7 @@ def map_floor(  # type: ignore[no-untyped-def]
     slope0, slope1 = light[0] / light[2], light[1] / light[2]
     for i in prange(len(xs)):
         for j in range(len(ys)):
-            shine = irradiance(xs[i], ys[j], -depth, beam, light, radius, decay, edge)
+            shine = irradiance(xs[i], ys[j], -depth, beam, light, light, radius, decay, edge)
             if shine > 0:
                 clear = to_floor(
                     xs[i], ys[j], slope0, slope1, centre, hole, chamfer, thickness, depth, half, nearest, edge
@@ -182,7 +185,9 @@ def sum_one(  # type: ignore[no-untyped-def]
         tops[m] = table_value(cos_o, phis, cos_i, brdf, up, (d0 / length, d1 / length, d2 / length), source)
     total = 0.0
     edge = radius * np.sqrt(np.pi / len(spot))
-    area = np.pi * radius * radius / len(spot) / light[2]
+    axis = np.cross(light_u, light_v)
+    facing = axis[0] * light[0] + axis[1] * light[1] + axis[2] * light[2]
+    area = np.pi * radius * radius / len(spot) * facing / light[2]
     for k in range(len(spot)):
         q0, q1 = radius * spot[k, 0], radius * spot[k, 1]
         z = beam[2] + q0 * light_u[2] + q1 * light_v[2]
@@ -213,7 +218,8 @@ def sum_one(  # type: ignore[no-untyped-def]
         for k in range(count):
             x0, y0 = wide * disc[k, 0], wide * disc[k, 1]
             x, y = centre[h, 0] + x0, centre[h, 1] + y0
-            m = turn[k]
+            # Other pairs of node and mirror point in every hole: what they get wrong together evens out.
+            m = turn[(k + 89 * h) % len(turn)]
             weight, d0, d1, d2 = sight_line(x, y, mirror[m], sensor, spacing)
             if weight <= 0:
                 continue
@@ -221,7 +227,7 @@ def sum_one(  # type: ignore[no-untyped-def]
             towards = (d0, d1, d2)
             s0, s1 = d0 / d2, d1 / d2
             flat = tops[m] * light[2]
-            total -= weight * factor[0] * flat * irradiance(x, y, 0.0, beam, light, radius, decay, spacing)
+            total -= weight * factor[0] * flat * irradiance(x, y, 0.0, beam, light, axis, radius, decay, spacing)
 
             # Down through the chamfer.
             xc, yc = x0 - s0 * c, y0 - s1 * c
@@ -245,7 +251,7 @@ def sum_one(  # type: ignore[no-untyped-def]
                     lx, ly = qx + ls0 * z, qy + ls1 * z
                     clear = ramp((wide - np.sqrt(lx * lx + ly * ly)) / spacing + 0.5)
                     px, py = centre[h, 0] + qx, centre[h, 1] + qy
-                    shine = irradiance(px, py, -z, beam, light, radius, decay, spacing)
+                    shine = irradiance(px, py, -z, beam, light, axis, radius, decay, spacing)
                     if clear * shine > 0:
                         f = table_value(cos_o, phis, cos_i, brdf, n, towards, source)
                         total += weight * factor[1] * f * ci * clear * shine
@@ -258,7 +264,7 @@ def sum_one(  # type: ignore[no-untyped-def]
             open_share = ramp((r - np.sqrt(xt * xt + yt * yt)) / blur)
             if open_share > 0:
                 fx, fy = x - s0 * depth, y - s1 * depth
-                shine = irradiance(fx, fy, -depth, beam, light, radius, decay, spacing)
+                shine = irradiance(fx, fy, -depth, beam, light, axis, radius, decay, spacing)
                 if shine > 0:
                     clear = to_floor(fx, fy, ls0, ls1, centre, hole, chamfer, thickness, depth, half, nearest, spacing)
                     total += weight * open_share * factor[4] * flat * clear * shine
@@ -277,7 +283,7 @@ def sum_one(  # type: ignore[no-untyped-def]
                         clear = min(clear, ramp((r - np.sqrt(lx * lx + ly * ly)) / spacing))
                     if clear > 0:
                         shine = irradiance(
-                            centre[h, 0] + qx, centre[h, 1] + qy, -z, beam, light, radius, decay, spacing
+                            centre[h, 0] + qx, centre[h, 1] + qy, -z, beam, light, axis, radius, decay, spacing
                         )
                         if shine > 0:
                             f = table_value(cos_o, phis, cos_i, brdf, n, towards, source)

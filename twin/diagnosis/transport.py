@@ -112,7 +112,7 @@ def _map_top(top, whole, xs, ys, light, beam, radius, decay, centre, hole, chamf
     for i in prange(len(xs)):
         for j in range(len(ys)):
             x, y = xs[i], ys[j]
-            shine = irradiance(x, y, 0.0, beam, light, radius, decay, step)
+            shine = irradiance(x, y, 0.0, beam, light, light, radius, decay, step)
             open_share, wall = 0.0, 0.0
             for h in range(len(hole)):
                 a, b = x - centre[h, 0], y - centre[h, 1]
@@ -191,7 +191,7 @@ def sum_one(
                 share = np.interp(z, tail[0], tail[1])
                 if share > 1e-6:
                     px, py = centre[h, 0] + qx, centre[h, 1] + qy
-                    shine = irradiance(px, py, 0.0, beam, light, radius, decay, step)
+                    shine = irradiance(px, py, 0.0, beam, light, light, radius, decay, step)
                     own = max(0.0, -(qx * light[0] + qy * light[1]) / hole[h])
                     gained = share * shine * light[2] * reflectance
                     n = (-qx / hole[h], -qy / hole[h], 0.0)

@@ -63,7 +63,8 @@ class SensorArmRunout(SceneEffect):
     name = "sensor_arm_runout"
     title = "sensor axis beside the optical centre"
     parameters = (Parameter("offset_mm", "mm", 1.3, (-3.0, 3.0)),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (15,)
+    crowding: ClassVar = 1.4
     confused_with = ("sensor_zenith_offset", "stale_sample", "sample_tilt")
     separated_by = "points beyond 70 degrees of sensor zenith, and a scan with a smaller iris"
 

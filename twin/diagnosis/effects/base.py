@@ -124,15 +124,19 @@ class SceneEffect(Effect):
     Attributes
     ----------
     nodes
-        Number of nodes for each parameter's tabulation, from cap to cap.
+        Number of nodes for each parameter's tabulation, from cap to cap: so many that what is read off between them
+        differs from what is rendered there by a tenth of the change, or a tenth of the uncertainty.
+    crowding
+        1 for even nodes; with a larger power they crowd around the nominal value, where changes are sought most closely.
     """
 
     nodes: ClassVar[tuple[int, ...]]
+    crowding: ClassVar[float] = 1.0
 
     def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
         """Nodes of each parameter, ascending; with a node at the nominal value."""
         return tuple(
-            nodes_between(parameter.cap, parameter.nominal, count)
+            nodes_between(parameter.cap, parameter.nominal, count, self.crowding)
             for parameter, count in zip(parameters, self.nodes, strict=True)
         )
 
@@ -195,11 +199,13 @@ class ReadingEffect(Effect):
         """
 
 
-def nodes_between(cap: tuple[float, float], nominal: float, count: int) -> FloatArray:
-    """Ascending nodes from cap to cap, one of them at the nominal value; equally spaced on either side."""
+def nodes_between(cap: tuple[float, float], nominal: float, count: int, crowding: float = 1.0) -> FloatArray:
+    """Ascending nodes from cap to cap, one of them at the nominal value; on either side spaced as a power."""
     low, high = cap
     if nominal <= low or nominal >= high:
-        return np.linspace(low, high, count)
+        start, end = (low, high) if nominal <= low else (high, low)
+        return np.sort(start + (end - start) * np.linspace(0.0, 1.0, count) ** crowding)
     below = min(count - 2, max(1, round((count - 1) * (nominal - low) / (high - low))))
-    lower = np.linspace(low, nominal, below + 1)
-    return np.concatenate([lower, np.linspace(nominal, high, count - below)[1:]])
+    lower = nominal - (nominal - low) * np.linspace(1.0, 0.0, below + 1) ** crowding
+    upper = nominal + (high - nominal) * np.linspace(0.0, 1.0, count - below) ** crowding
+    return np.concatenate([lower, upper[1:]])

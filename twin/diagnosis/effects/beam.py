@@ -42,7 +42,7 @@ class BeamRadius(SceneEffect):
     name = "beam_radius"
     title = "iris wider or narrower"
     parameters = (Parameter("radius_mm", "mm", 1.0, (-3.5, 2.0)),)
-    nodes: ClassVar = (8,)
+    nodes: ClassVar = (19,)
     confused_with = ("field_of_view",)
     separated_by = "the same scan with another iris"
 
@@ -66,7 +66,7 @@ class BeamDivergence(SceneEffect):
     name = "beam_divergence"
     title = "beam less parallel"
     parameters = (Parameter("angle_deg", "degree", 9.0, (0.0, 12.0), budget_of="facility.beam.u_divergence"),)
-    nodes: ClassVar = (5,)
+    nodes: ClassVar = (9,)
     confused_with = ("acceptance_angle",)
     separated_by = "a fine scan of the sensor zenith across a lobe"
 
@@ -80,7 +80,8 @@ class FieldOfView(SceneEffect):
     name = "field_of_view"
     title = "field of view of the sensor wider or narrower"
     parameters = (Parameter("radius_mm", "mm", 1.0, (-1.5, 3.0)),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (13,)
+    crowding: ClassVar = 1.3
     confused_with = ("beam_radius", "translucency", "sample_height")
     separated_by = "a scan of the white reference over the sensor zenith with two irises"
 

@@ -96,7 +96,7 @@ class CavityDepthChange(_Dimension):
     name = "cavity_depth"
     title = "cavity deeper or shallower"
     parameters = (Parameter("delta_mm", "mm", 0.17, (-0.7, 1.1)),)
-    nodes: ClassVar = (6,)
+    nodes: ClassVar = (11,)
     confused_with = ("plate_thickness", "cavity_reflectance", "hole_diameter")
     separated_by = "illumination zenith 60 degrees"
 
@@ -118,7 +118,7 @@ class EdgeChamferWidth(_Dimension):
     name = "edge_chamfer"
     title = "edges of the holes chamfered"
     parameters = (Parameter("delta_mm", "mm", 0.055, (0.0, 0.3)),)
-    nodes: ClassVar = (5,)
+    nodes: ClassVar = (7,)
     confused_with = ("hole_diameter", "sample_height", "stray_light", "dark_offset")
     separated_by = "the same scan with a quarter of the light, and a profile of an edge"
 

@@ -47,7 +47,8 @@ class SampleHeight(SceneEffect):
     name = "sample_height"
     title = "sample too high or too low"
     parameters = (Parameter("height_mm", "mm", 1.3, (-6.0, 6.0), budget_of="facility.sample.u_height"),)
-    nodes: ClassVar = (7,)
+    nodes: ClassVar = (25,)
+    crowding: ClassVar = 1.5
     confused_with = ("edge_chamfer", "field_of_view")
     separated_by = "a scan of the white reference over the sensor zenith"
 
@@ -64,7 +65,7 @@ class SampleOffset(SceneEffect):
         Parameter("x_mm", "mm", 2.4, (-1.6, 1.6), budget_of="facility.sample.u_offset"),
         Parameter("y_mm", "mm", 2.4, (-1.6, 1.6), budget_of="facility.sample.u_offset"),
     )
-    nodes: ClassVar = (5, 5)
+    nodes: ClassVar = (7, 7)
     confused_with = ("beam_offset",)
     separated_by = "the same scan with the sample moved by half a pitch"
 
