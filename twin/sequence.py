@@ -17,6 +17,32 @@ from numpy.typing import NDArray
 INDEX_BITS = 24
 DIMENSIONS = 22
 _BYTES = INDEX_BITS // 8
+#: Of every dimension but the first: a primitive polynomial, its coefficients as bits, and the first direction numbers
+#: (S. Joe and F. Y. Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J. Sci. Comput.
+#: 30, 2635 (2008), table new-joe-kuo-6.21201). SciPy has them too, and takes longer to load than a scene to be built.
+_JOE_KUO = (
+    (3, (1,)),
+    (7, (1, 3)),
+    (11, (1, 3, 1)),
+    (13, (1, 1, 1)),
+    (19, (1, 1, 3, 3)),
+    (25, (1, 3, 5, 13)),
+    (37, (1, 1, 5, 5, 17)),
+    (41, (1, 1, 5, 5, 5)),
+    (47, (1, 1, 7, 11, 19)),
+    (55, (1, 1, 5, 1, 1)),
+    (59, (1, 1, 1, 3, 11)),
+    (61, (1, 3, 5, 5, 31)),
+    (67, (1, 3, 3, 9, 7, 49)),
+    (91, (1, 1, 1, 15, 21, 21)),
+    (97, (1, 3, 1, 13, 27, 49)),
+    (103, (1, 1, 1, 15, 7, 5)),
+    (109, (1, 3, 1, 15, 13, 25)),
+    (115, (1, 1, 5, 5, 19, 61)),
+    (131, (1, 3, 7, 11, 23, 15, 103)),
+    (137, (1, 3, 7, 13, 13, 15, 69)),
+    (143, (1, 1, 3, 13, 7, 35, 63)),
+)
 
 
 @lru_cache(maxsize=1)
@@ -38,18 +64,21 @@ def byte_tables() -> NDArray[np.uint32]:
 
 @lru_cache(maxsize=1)
 def _direction_vectors() -> NDArray[np.uint32]:
-    """Direction numbers of Joe and Kuo, shape (DIMENSIONS, INDEX_BITS): what one index bit contributes.
+    """What each bit of an index contributes to a coordinate times 2**32, shape (DIMENSIONS, INDEX_BITS)."""
+    numbers = [[1] * INDEX_BITS, *(_direction_numbers(polynomial, first) for polynomial, first in _JOE_KUO)]
+    return np.array(numbers, dtype=np.uint32) << np.arange(31, 31 - INDEX_BITS, -1, dtype=np.uint32)
 
-    SciPy counts in Gray code; the Gray code of 2**(k+1) - 1 is the single bit k.
-    """
-    from scipy.stats import qmc
 
-    vectors = np.empty((DIMENSIONS, INDEX_BITS), dtype=np.uint32)
-    for bit in range(INDEX_BITS):
-        sequence = qmc.Sobol(DIMENSIONS, scramble=False, bits=32)
-        sequence.fast_forward(2 ** (bit + 1) - 1)
-        vectors[:, bit] = np.round(sequence.random(1)[0] * 2.0**32).astype(np.uint64).astype(np.uint32)
-    return vectors
+def _direction_numbers(polynomial: int, first: tuple[int, ...]) -> list[int]:
+    """The numbers m_1, m_2, ... of a dimension; number k has k bits (P. Bratley and B. L. Fox, Algorithm 659, 1988)."""
+    degree, numbers = len(first), list(first)
+    while len(numbers) < INDEX_BITS:
+        new = numbers[-degree] ^ (numbers[-degree] << degree)
+        for back in range(1, degree):
+            if polynomial >> (degree - back) & 1:
+                new ^= numbers[-back] << back
+        numbers.append(new)
+    return numbers
 
 
 def _reversed_bits(values: NDArray[np.uint32]) -> NDArray[np.uint32]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin.llvm import import_mitsuba
-from twin.sequence import DIMENSIONS, Points, coherent_order, mix, mix_numpy
+from twin.sequence import DIMENSIONS, INDEX_BITS, Points, byte_tables, coherent_order, mix, mix_numpy
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +21,20 @@ def draw() -> Any:
         return np.array(points.coordinate(index, dr.opaque(mi.UInt32, dimension), mi.UInt32(seed), True))
 
     return coordinates
+
+
+def test_points_before_scrambling_are_those_of_scipy() -> None:
+    """SciPy counts in Gray code: its point n is the one of index n ^ (n >> 1) here."""
+    from scipy.stats import qmc
+
+    points = qmc.Sobol(DIMENSIONS, scramble=False, bits=32)
+    for number in (1, 5, 1000, 65_535, 2**INDEX_BITS - 1):
+        points.reset().fast_forward(number)
+        index = number ^ (number >> 1)
+        parts = [byte_tables()[:, byte, (index >> 8 * byte) & 255] for byte in range(3)]
+        reversed_bits = [f"{word:032b}" for word in parts[0] ^ parts[1] ^ parts[2]]
+        coordinate = [int(bits[::-1], 2) / 2**32 for bits in reversed_bits]
+        np.testing.assert_array_equal(points.random(1)[0], coordinate)
 
 
 @pytest.mark.parametrize("dimension", [0, 1, 5, DIMENSIONS - 1])
