@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from traced_samples import artifact, columns, facility, flat
 
+from instrument.plane_flux import plane_flux
 from twin.artifact import build_mesh
 from twin.diagnosis.acquisition import Acquisition, travel_direction
 from twin.diagnosis.direct_light import once_reflected, pierced_plate
 from twin.diagnosis.effects import Known, SceneEffect, effect
+from twin.diagnosis.effects.base import nodes_between
 from twin.diagnosis.renders import RenderStore
 from twin.diagnosis.response import AnyResponse, cardinal_spline
 from twin.diagnosis.responses import responses
@@ -157,6 +159,44 @@ def test_light_reflected_once_by_a_plate_seen_and_lit_along_the_normal_is_closed
     assert pierced[0] == pytest.approx(whole[0], rel=5e-3)
 
 
+@pytest.mark.parametrize(
+    "setup",
+    [
+        Setup(divergence_deg=12.0),
+        Setup(mirror_radius_mm=15.0),
+        Setup(target_radius_mm=-1.0),
+        Setup(beam_x_mm=0.5, beam_y_mm=1.4),
+        Setup(height_mm=2.0),
+    ],
+    ids=["divergence", "mirror", "target", "beam", "height"],
+)
+def test_light_reflected_once_by_a_lambertian_coupon_is_the_integral_of_its_irradiance(setup: Setup):
+    bench = facility(profile="gaussian", mirror=10.8)
+    where = columns([0.0, 0.0, 0.0, 30.0, 30.0], [15.0, 45.0, -80.0, 45.0, -80.0], 0.0)
+    plate, tables = pierced_plate(flat()), np.zeros(5, int)
+    off, nominal = (lay_out(bench, where, s) for s in (setup, Setup()))
+    found = once_reflected(plate, lambertian(0.6), off, tables)
+    found = found / once_reflected(plate, lambertian(0.6), nominal, tables)
+    np.testing.assert_allclose(found, plane_flux(off) / plane_flux(nominal), rtol=3e-3)
+
+
+def test_wide_mirror_sees_directions_that_mirror_each_other_alike():
+    # The points that stand for the mirror must not lean to one side: that is an arm that is off.
+    zenith = np.array([20.0, 50.0, 75.0])
+    where = columns(0.0, np.concatenate([zenith, -zenith]), 0.0)
+    bench, plate = facility(profile="gaussian", mirror=10.8), pierced_plate(artifact())
+    layout = lay_out(bench, where, Setup(mirror_radius_mm=40.0))
+    left, right = np.split(once_reflected(plate, lambertian(0.6), layout, np.zeros(6, int)), 2)
+    np.testing.assert_allclose(left / right, 1, atol=0.012)
+
+
+def test_nodes_crowd_around_the_nominal_value():
+    nodes = nodes_between((-6.0, 3.0), 0.0, 10, 2.0)
+    np.testing.assert_allclose(nodes, [-6, -6 * 25 / 36, -6 * 16 / 36, -1.5, -6 * 4 / 36, -6 / 36, 0, 3 / 9, 12 / 9, 3])
+    np.testing.assert_allclose(nodes_between((0.0, 4.0), 0.0, 3, 2.0), [0, 1, 4])
+    np.testing.assert_allclose(nodes_between((-4.0, 0.0), 0.0, 3, 2.0), [-4, -1, 0])
+
+
 def test_light_that_goes_sideways_stays_on_a_flat_sample_that_is_seen_whole():
     layout = lay_out(OVERFILLED, columns(0.0, np.array([0.0, 40.0]), 0.0))
     plate, coating, table = pierced_plate(flat()), lambertian(0.6), np.zeros(2, int)
@@ -198,10 +238,11 @@ def test_points_added_to_a_plan_join_those_kept(flat_bench: Workbench, tmp_path:
 
 @pytest.mark.slow
 def test_table_reproduces_renderings_between_its_nodes():
-    bench = Workbench(facility(mirror=10.8, profile="gaussian"), artifact(), lambertian(0.6), samples=32)
-    where = columns(np.repeat([0.0, 30.0], 4), np.tile([-65.0, -25.0, 15.0, 55.0], 2), np.repeat([0.0, 60.0], 4))
+    bench = Workbench(facility(mirror=10.8, profile="gaussian"), artifact(), lambertian(0.6), samples=128)
+    where = columns(np.repeat([0.0, 30.0], 4), np.tile([-65.0, -25.0, 15.0, 75.0], 2), np.repeat([0.0, 60.0], 4))
     run, store = run_of(where), RenderStore(bench, None)
-    for name, values in (("sample_tilt", [0.8, -1.1]), ("beam_offset", [0.5, 0.9]), ("hole_diameter", [0.13])):
+    between = {"sample_tilt": [0.8, -1.1], "beam_offset": [0.5, 0.9], "hole_diameter": [0.13], "sample_height": [1.3]}
+    for name, values in between.items():
         scene = effect(name)
         assert isinstance(scene, SceneEffect)
         found = responses(run, np.ones(len(run)), store, effects=[scene]).found[name]
