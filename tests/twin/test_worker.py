@@ -9,7 +9,6 @@ import subprocess
 import sys
 import textwrap
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from fake_twin import expected_brf
 
 from instrument.errors import InputError
 from instrument.events import Geometry
+from sim_fixtures.examples import example_files
 from twin.prediction import Twin
 from twin.worker import (
     PredictionWorker,
@@ -30,8 +30,6 @@ from twin.worker import (
 
 FACTORY = "fake_twin:FakeTwin.from_files"
 PATIENCE = 60.0
-CASES = Path(__file__).parents[2].parent / "shared" / "cases"
-needs_cases = pytest.mark.skipif(not CASES.exists(), reason=f"example cases not found in {CASES}")
 
 
 def geometry(zenith: float, azimuth: float = 0.0) -> Geometry:
@@ -228,10 +226,10 @@ def test_closing_ends_the_process_at_once_and_fails_what_is_waiting(worker_of, f
 
 
 @pytest.mark.slow
-@needs_cases
-def test_the_real_twin_gives_the_same_values_in_the_worker_as_here():
-    common = CASES / "common"
-    files = (common / "facility.toml", common / "artifact.toml", common / "material.nc")
+def test_the_real_twin_gives_the_same_values_in_the_worker_as_here(tmp_path):
+    material = tmp_path / "material.toml"
+    material.write_text('[default]\nmodel = "lambertian"\nreflectance = 0.6\n')
+    files = (example_files().facility, example_files().artifact, material)
     points = [geometry(zenith, azimuth) for zenith in (-60.0, 20.0) for azimuth in (0.0, 90.0)]
     with PredictionWorker(*files, seed=3) as worker:
         remote = worker.predict(range(4), points, 0.01).result(120)
