@@ -33,7 +33,7 @@ PLANE, LIGHT, TURNED = "another plane", "another illumination", "turned sample"
 #: By how much the sample is turned, degree: an axis in it changes places with that across it; a side with the other.
 _TURNS = (90.0, 180.0)
 #: Slices of a turned sample are thinned to about so many points.
-_MOST_TURNED = 11
+_MOST_TURNED = 13
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,12 @@ from sim_fixtures.reality import Imperfections, Reality
 from twin.diagnosis.acquisition import Acquisition, travel_direction
 from twin.diagnosis.covariance import smooth_gap
 from twin.diagnosis.effects import ReadingEffect, effect
-from twin.diagnosis.joint import joined
-from twin.diagnosis.observation import observe
-from twin.diagnosis.preparation import model_error
+from twin.diagnosis.fit import fit_single
+from twin.diagnosis.joint import join, joined
+from twin.diagnosis.observation import Observation, observe, read_observation
+from twin.diagnosis.plausible import flat_reflectance
+from twin.diagnosis.preparation import Bench, Inputs, model_error
+from twin.diagnosis.problem import Problem
 from twin.diagnosis.renders import RenderStore
 from twin.diagnosis.response import AnyResponse
 from twin.diagnosis.responses import responses
@@ -219,8 +222,58 @@ def test_half_of_a_gap_of_unknown_cause_turns_with_the_sample():
 
 
 def test_the_diagnosis_reads_a_turned_run_from_its_file(tmp_path: Path):
-    from twin.diagnosis.observation import read_observation
-
     file = tmp_path / "run.nc"
     run_file(turned(grid({30.0: (0.0, 90.0)}), -45.0)).to_netcdf(file, engine="h5netcdf")
     np.testing.assert_array_equal(read_observation(file).columns[ROTATION], -45.0)
+
+
+PLANES = (0.0, 90.0)
+RIVALS = ("anisotropy", "polarization")
+
+
+@pytest.fixture(scope="module")
+def coupon_bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """Of a flat sample: nothing is traced that takes time."""
+    files = example_files()
+    return Bench(Inputs(files.facility, files.artifact, files.material), tmp_path_factory.mktemp("cache")).flat()
+
+
+def of_the_laboratory(bench: Bench, wrong: Imperfections, angle: float, seed: int) -> Observation:
+    """A run of the simulated laboratory, which shares no physics with the twin, with noise and an error of scale."""
+    zenith = np.arange(70.0, -71.0, -20.0)
+    where = columns(30.0, np.tile(zenith, 2), np.repeat(PLANES, len(zenith)))
+    free = (where["sensor_azimuth"] != 0) | (where["sensor_zenith"] != 30)
+    where = {name: column[free] for name, column in where.items()} | {ROTATION: np.full(np.sum(free), angle)}
+    good, bad = (Reality(bench.facility, flat_sample(), one, 5, rays=2048) for one in (Imperfections(), wrong))
+    arms = list(zip(where["sensor_zenith"], where["sensor_azimuth"], strict=True))
+    ratio = np.array([bad.flux("sample", 30.0, *a, 500.0, angle) / good.flux("sample", 30.0, *a) for a in arms])
+    count = len(arms)
+    u = {"noise": 0.004, "stability": 0.004, "reference": 0.005}
+    run = Observation("run", np.arange(count), where, np.ones(count), np.ones(count), {}, 22.0 * np.arange(count))
+    draw = np.random.default_rng(seed)
+    errors = 0.004 * draw.standard_normal(count) + 0.003 * draw.standard_normal()
+    brf = flat_reflectance(bench.material, run) * ratio * np.exp(errors)
+    components = {name: size * brf for name, size in u.items()}
+    return replace(run, brf=brf, u_brf=np.sqrt(sum(size**2 for size in u.values())) * brf, components=components)
+
+
+def evidence(problem: Problem) -> list[float]:
+    """Logarithmic evidence of the rivals."""
+    return [fit_single(problem.component(name), problem.residual, problem.members).log_evidence for name in RIVALS]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("right", [0, 1])
+def test_a_turned_sample_tells_anisotropy_from_polarisation(coupon_bench: Bench, right: int):
+    exact = Imperfections()
+    grained = replace(exact, coating=replace(exact.coating, grain=0.03, grain_axis_deg=0.0))
+    wrong = (grained, replace(exact, polarization=0.03))[right]
+    effects = [effect(name) for name in RIVALS]
+    parts = [
+        coupon_bench.prepare(of_the_laboratory(coupon_bench, wrong, angle, seed), effects=effects)
+        for seed, angle in enumerate((0.0, 90.0))
+    ]
+    alone = evidence(parts[0].problem)
+    assert abs(alone[0] - alone[1]) < 2
+    together = evidence(join(parts, np.zeros((len(parts[0].problem.run) * 2, 1))).problem)
+    assert together[right] - together[1 - right] > 15
