@@ -13,7 +13,7 @@ from instrument.angles import FloatArray
 from twin.diagnosis.next_plan import plan_columns
 from twin.diagnosis.next_stage import Stage, geometries, one_illumination, unshadowed, usual_rotation
 from twin.diagnosis.observation import LEAST_FOLLOWING, Observation
-from twin.diagnosis.turned import ROTATION, alike, of_the_arms, rotation
+from twin.diagnosis.turned import ROTATION, alike, in_words, of_the_arms, rotation
 from twin.optics import COORDINATES
 
 if TYPE_CHECKING:
@@ -125,9 +125,8 @@ def _again(run: Observation, rows: IntArray) -> Iterator[Scan]:
 
 def _where(run: Observation, rows: IntArray) -> str:
     light, azimuth = (run.columns[name][rows[0]] for name in ("illumination_zenith", "sensor_azimuth"))
-    turned = float(rotation(run.columns)[rows[0]])
-    text = f"illumination zenith {light:g}, sensor azimuth {azimuth:g} degrees"
-    return text + (f", sample turned by {turned:g} degrees" if turned else "")
+    turned = in_words(run.columns, int(rows[0]))
+    return f"illumination zenith {light:g}, sensor azimuth {azimuth:g} degrees{turned}"
 
 
 def _span(run: Observation, rows: IntArray) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.turned import rotation
 from twin.figures import BLACK, BLUE, GREY, VERMILION
 from twin.metrics import root_mean_square
 
@@ -152,7 +153,9 @@ def _draw_plane(axes: Axes, sides: Sides, points: NDArray[np.int64]) -> None:
     wavelength = columns["wavelength"][points[0]]
     several = len(np.unique(columns["wavelength"])) > 1
     title = f"{wavelength:g} nm, " if several else ""
-    axes.set_title(f"{title}illumination {light:g}, azimuth {azimuth:g}", fontsize=7.5, pad=2)
+    turned = rotation(columns)[points[0]]
+    title += f"illumination {light:g}, azimuth {azimuth:g}" + (f", turned {turned:g}" if turned else "")
+    axes.set_title(title, fontsize=7.5, pad=2)
     axes.tick_params(labelsize=7)
 
 
@@ -213,17 +216,19 @@ def gap_bars(figure: FigureBase, before: float, after: float, left: float) -> No
 
 
 def illuminations(run: Observation) -> list[tuple[str, NDArray[np.int64]]]:
-    """Title and points of each wavelength and illumination zenith, in order of the file."""
+    """Title and points of each wavelength, illumination zenith and rotation of the sample, in order of the file."""
     columns = run.columns
     wavelength = np.round(np.nan_to_num(columns["wavelength"], nan=0.0), 3)
     several = len(np.unique(wavelength)) > 1
+    turned = rotation(columns)
     found = []
-    for one in dict.fromkeys(wavelength.tolist()):
+    for one, angle in dict.fromkeys(zip(wavelength.tolist(), turned.tolist(), strict=True)):
         for number in dict.fromkeys(run.illumination.tolist()):
-            points = np.flatnonzero((wavelength == one) & (run.illumination == number))
+            points = np.flatnonzero((wavelength == one) & (turned == angle) & (run.illumination == number))
             if len(points):
                 light = columns["illumination_zenith"][points[0]]
-                found.append((f"{one:g} nm, {light:g} deg" if several else f"illumination {light:g} deg", points))
+                title = f"{one:g} nm, {light:g} deg" if several else f"illumination {light:g} deg"
+                found.append((f"{title}, turned {angle:g}" if angle else title, points))
     return found
 
 

@@ -59,6 +59,12 @@ def rotation(columns: Columns) -> FloatArray:
     return columns[ROTATION] if ROTATION in columns else np.zeros(len(columns["sensor_zenith"]))
 
 
+def in_words(columns: Columns, point: int) -> str:
+    """How far the sample is turned at a point, to stand behind other circumstances; empty where it is not."""
+    angle = float(rotation(columns)[point])
+    return f", sample turned by {angle:g} degrees" if angle else ""
+
+
 def from_sample(columns: Columns) -> Columns:
     """Geometries in the frame of the sample, of :data:`~twin.optics.COORDINATES` alone."""
     seen = {name: columns[name] for name in COORDINATES}

@@ -12,6 +12,7 @@ from instrument.angles import FloatArray
 from twin.diagnosis.amplitude import log_sum
 from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.turned import in_words, rotation
 from twin.diagnosis.unknown import UNKNOWN_SIZES
 
 #: Regions of fewer points are left to the union of their illumination zenith.
@@ -48,8 +49,9 @@ def regions(run: Observation, gap: FloatArray) -> list[Region]:
     """
     size = np.abs(gap) / run.relative_u
     found = []
-    for number in range(int(run.illumination.max()) + 1):
-        here = run.illumination == number
+    turned = rotation(run.columns)
+    for number, angle in np.unique(np.stack([run.illumination, turned], axis=1), axis=0):
+        here = (run.illumination == number) & (turned == angle)
         for name, side in _sides(run.columns["sensor_zenith"]):
             points = np.flatnonzero(here & side & (size > 1.0))
             if len(points) >= _FEWEST:
@@ -79,13 +81,14 @@ def _region(run: Observation, points: IntArray, gap: FloatArray, name: str) -> R
     every = "every azimuth" if len(azimuths) == _planes(run, points) else _listed(azimuths)
     text = (
         f"measurement {sign} by {100 * np.sqrt(np.mean(gap[points] ** 2)):.1f} % at {where}, {every},"
-        f" illumination zenith {light:g} degrees"
+        f" illumination zenith {light:g} degrees{in_words(run.columns, int(points[0]))}"
     )
     return Region(points, text, size)
 
 
 def _planes(run: Observation, points: IntArray) -> int:
-    same = run.illumination == run.illumination[points[0]]
+    turned = rotation(run.columns)
+    same = (run.illumination == run.illumination[points[0]]) & (turned == turned[points[0]])
     return len(np.unique(np.round(run.columns["sensor_azimuth"][same], 2)))
 
 

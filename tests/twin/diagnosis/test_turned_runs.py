@@ -28,9 +28,11 @@ from twin.diagnosis.plausible import flat_reflectance
 from twin.diagnosis.preparation import Bench, Inputs, model_error
 from twin.diagnosis.problem import Problem
 from twin.diagnosis.renders import RenderStore
+from twin.diagnosis.report_figures import illuminations
 from twin.diagnosis.response import AnyResponse
 from twin.diagnosis.responses import responses
 from twin.diagnosis.turned import ROTATION, arm_columns, from_sample
+from twin.diagnosis.where import regions
 from twin.diagnosis.workbench import Workbench
 from twin.material import lambertian
 
@@ -225,6 +227,16 @@ def test_the_diagnosis_reads_a_turned_run_from_its_file(tmp_path: Path):
     file = tmp_path / "run.nc"
     run_file(turned(grid({30.0: (0.0, 90.0)}), -45.0)).to_netcdf(file, engine="h5netcdf")
     np.testing.assert_array_equal(read_observation(file).columns[ROTATION], -45.0)
+
+
+def test_where_a_run_differs_is_said_with_the_rotation_of_the_sample():
+    still = grid({30.0: (0.0, 90.0)}, 10.0)
+    both = joined([observed(still), observed(turned(still, 90.0))])
+    gap = np.where((both.columns[ROTATION] == 90) & (both.columns["sensor_zenith"] > 30), 0.05, 0.0)
+    (found,) = regions(both, gap)
+    assert found.description.endswith("every azimuth, illumination zenith 30 degrees, sample turned by 90 degrees")
+    assert set(both.columns[ROTATION][found.points]) == {90.0}
+    assert [title for title, _ in illuminations(both)] == ["illumination 30 deg", "illumination 30 deg, turned 90"]
 
 
 PLANES = (0.0, 90.0)
