@@ -35,6 +35,7 @@ from twin.diagnosis.effects import (
     ZenithEffect,
     effect,
 )
+from twin.diagnosis.turned import ROTATION, from_sample, of_the_arms, rotation, setup_seen
 from twin.diagnosis.variation import Variation, together
 from twin.material import Material, read_material
 from twin.optics import Setup, reference_change
@@ -205,14 +206,20 @@ class CorrectedTwin(Twin):
     def estimate(
         self, columns: dict[str, FloatArray], *, setup: Setup | None = None, **options: Any
     ) -> Estimate:  # the options are those of the nominal twin
-        """As the nominal twin's, in the corrected geometry and divided by the reference read with what is off then."""
+        """As the nominal twin's, in the corrected geometry and divided by the reference read with what is off then.
+
+        Of a turned sample (another illumination azimuth) what is of the arms stays in the laboratory.
+        """
         if setup is not None:
             raise InputError("setup: the corrections say what is off; expected none beside them")
-        acquired = plan_acquisition(columns, self.facility)
+        arms = of_the_arms(columns, np.zeros(len(columns["sensor_zenith"])))
+        acquired = plan_acquisition(arms, self.facility)
         error = sum((one.zenith_error(acquired, values[None])[0] for one, values in self.applied.arm), np.zeros(1))
         nominal = self.applied.variation.setup
+        if ROTATION in arms:
+            nominal = setup_seen(nominal, rotation(arms))
         off = replace(nominal, sensor_zenith_deg=nominal.sensor_zenith_deg + np.broadcast_to(error, len(acquired)))
-        found = super().estimate(columns, setup=off, **options)
+        found = super().estimate(from_sample(arms), setup=off, **options)
         scale = reference_change(self.facility, off) / reference_change(self.facility, self._reference())
         brf = found.brf * scale
         for one, values in self.applied.readings:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from traced_samples import artifact, facility
+from traced_samples import artifact, facility, flat
 
 from instrument.errors import InputError
 from twin.corrections import (
@@ -186,3 +186,39 @@ def test_corrections_that_are_not_there_keep_a_scan_from_starting(tmp_path):
     missing = tmp_path / "none.toml"
     with pytest.raises(InputError, match=r"none\.toml: no such file"):
         inputs_of(ScanRequest(simulate=True, corrections=missing))
+
+
+def quarter_turned(still: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arms in the same place, the sample turned by 90 degrees: stated from the other side of the normal."""
+    return still | {
+        "illumination_azimuth": np.full(len(still["wavelength"]), -90.0),
+        "sensor_azimuth": still["sensor_azimuth"] + 90.0,
+        "sensor_zenith": -still["sensor_zenith"],
+    }
+
+
+def test_an_axis_turns_with_the_sample_and_the_detector_does_not():
+    still = columns(-60.0, 40.0, light=0.0)
+    quarter = quarter_turned(still)
+    plain = brf(quarter)
+    sine = np.sin(np.deg2rad(still["sensor_zenith"])) ** 2
+    grained = brf(quarter, anisotropy={"amplitude": 0.1, "axis_deg": 50.0}) / plain - 1
+    np.testing.assert_allclose(grained, -0.1 * sine, rtol=1e-6)
+    lying, turned = (brf(c, polarization={"fraction": 0.1}) / brf(c) for c in (still, quarter))
+    assert np.abs(lying - 1).max() > 0.01
+    np.testing.assert_allclose(turned, lying, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"), [("beam_offset", {"x_mm": 1.4, "y_mm": -0.3}), ("arm_sag", {"angle_deg": 2.0})]
+)
+def test_arm_and_beam_that_are_off_stay_so_when_a_flat_sample_turns(effect: str, values: dict[str, float]):
+    known = Known(facility(4.0, target=5.0), flat(), lambertian(0.6))
+    still = columns(20.0, 60.0, light=30.0)
+    applied = resolve(corrections(**{effect: values}), known, ordered=True)
+    nominal = Twin(known.facility, known.artifact, known.material)
+    twin = CorrectedTwin(known.facility, known.artifact, known.material, applied)
+    looks = ((nominal, still), (twin, still), (twin, quarter_turned(still)))
+    plain, one, other = (each.estimate(where, samples=2**15, seed=3).brf for each, where in looks)
+    assert np.abs(one / plain - 1).max() > 0.03
+    np.testing.assert_allclose(other, one, rtol=2e-3)

@@ -18,7 +18,7 @@ from instrument.angles import FloatArray
 from instrument.events import Geometry
 from instrument.turning import driven
 from twin.diagnosis.variation import Variation
-from twin.optics import COORDINATES, geometry_columns, sample_rotation
+from twin.optics import COORDINATES, Setup, geometry_columns, sample_rotation
 
 #: Column that says how far the sample is turned, degree, right-handed; there only where some point's is.
 ROTATION = "sample_rotation"
@@ -87,14 +87,20 @@ def turns(variation: Variation) -> bool:
 
 
 def seen_turned(variation: Variation, angle_deg: float) -> Variation:
-    """A change of the laboratory in the frame of a sample that is turned by an angle.
-
-    Changes of the arms go with their angles, those of the sample and its placement with the sample; the beam's axis
-    stays where it was, and is turned the other way as the sample sees it.
-    """
+    """A change of the laboratory in the frame of a sample that is turned by an angle; see :func:`setup_seen`."""
     if not (angle_deg and turns(variation)):
         return variation
-    x, y, turned = variation.setup.beam_x_mm, variation.setup.beam_y_mm, np.deg2rad(angle_deg)
-    seen_x = round(float(x * np.cos(turned) + y * np.sin(turned)), _DECIMALS) + 0.0
-    seen_y = round(float(y * np.cos(turned) - x * np.sin(turned)), _DECIMALS) + 0.0
-    return replace(variation, setup=replace(variation.setup, beam_x_mm=seen_x, beam_y_mm=seen_y))
+    seen = setup_seen(variation.setup, angle_deg)
+    return replace(variation, setup=replace(seen, beam_x_mm=float(seen.beam_x_mm), beam_y_mm=float(seen.beam_y_mm)))
+
+
+def setup_seen(setup: Setup, angle_deg: float | FloatArray) -> Setup:
+    """An instrument that is off in the frame of a sample that is turned by an angle, one or each point's.
+
+    What is off about the arms goes with their angles, what is about the sample and its placement with the sample; the
+    beam's axis stays where it was, and is turned the other way as the sample sees it.
+    """
+    x, y, turned = setup.beam_x_mm, setup.beam_y_mm, np.deg2rad(angle_deg)
+    seen_x = np.round(x * np.cos(turned) + y * np.sin(turned), _DECIMALS) + 0.0
+    seen_y = np.round(y * np.cos(turned) - x * np.sin(turned), _DECIMALS) + 0.0
+    return replace(setup, beam_x_mm=seen_x, beam_y_mm=seen_y)

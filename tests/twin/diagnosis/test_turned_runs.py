@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -227,6 +228,47 @@ def test_the_diagnosis_reads_a_turned_run_from_its_file(tmp_path: Path):
     file = tmp_path / "run.nc"
     run_file(turned(grid({30.0: (0.0, 90.0)}), -45.0)).to_netcdf(file, engine="h5netcdf")
     np.testing.assert_array_equal(read_observation(file).columns[ROTATION], -45.0)
+
+
+def test_a_stain_turns_with_the_sample(flat_bench: Workbench):
+    """What lies at (x, y) of the sample is at (-y, x) of the laboratory after a quarter of a turn."""
+    where = columns(50.0, np.array([60.0, -60.0]), 0.0)
+    x, y, radius = 1.2, 0.5, 1.0
+    still, quarter = (response("stain", w, flat_bench) for w in (where, turned(where, 90.0)))
+    found = quarter.log_ratio(np.array([[-0.5, x, y, radius]]))
+    np.testing.assert_allclose(found, still.log_ratio(np.array([[-0.5, -y, x, radius]])), rtol=1e-6)
+    assert np.abs(found - still.log_ratio(np.array([[-0.5, x, y, radius]]))).max() > 1e-3
+
+
+def test_the_twin_and_its_inputs_are_asked_for_what_the_sample_sees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    files = example_files()
+    bench = Bench(Inputs(files.facility, files.artifact, files.material), tmp_path)
+    asked: list[xr.Dataset] = []
+
+    def predicted(self: object, where: xr.Dataset, **options: float) -> xr.Dataset:
+        asked.append(where)
+        return where.assign(brf=0.5 + 0 * where["sensor_zenith"], u_brf_monte_carlo=0 * where["sensor_zenith"])
+
+    def found(state: object, where: xr.Dataset, **options: object) -> SimpleNamespace:
+        asked.append(where)
+        return SimpleNamespace(result=None)
+
+    monkeypatch.setattr("twin.prediction.Twin.predict", predicted)
+    monkeypatch.setattr("twin.diagnosis.preparation.find_input_uncertainty", found)
+    run = observed(turned(columns(30.0, ZENITH, 50.0), 90.0))
+    bench.nominal(run)
+    bench.input_errors(run)
+    assert len(asked) == 2
+    for where in asked:
+        np.testing.assert_array_equal(where["sensor_azimuth"], 320.0)
+        np.testing.assert_array_equal(where["illumination_azimuth"], 270.0)
+        assert ROTATION not in where
+
+
+def test_a_turn_of_the_sample_begins_another_slice():
+    """The arm goes down twice, and back up between: its first point counts as arriving the way the slice goes on."""
+    two = columns(30.0, np.tile([60.0, 0.0, -60.0], 2), 50.0) | {ROTATION: np.repeat([0.0, 90.0], 3)}
+    np.testing.assert_array_equal(travel_direction(two, np.arange(6)), -1.0)
 
 
 def test_where_a_run_differs_is_said_with_the_rotation_of_the_sample():
