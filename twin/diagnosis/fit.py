@@ -79,6 +79,9 @@ class Fit:
         Logarithmic ratio at the posterior mean.
     best
         Number of the structure that explains the run best.
+    log_peak
+        Logarithmic density of the run at the posterior mean, averaged over the structures that explain it best: how
+        well these effects can fit it, whatever they cost in prior; -inf where it was not asked.
     """
 
     names: tuple[str, ...]
@@ -89,6 +92,7 @@ class Fit:
     table: FloatArray
     best: int
     sizes: tuple[int, ...] = field(default=())
+    log_peak: float = -np.inf
 
 
 def fit_none(residual: FloatArray, members: Sequence[Normal]) -> Fit:

@@ -17,7 +17,7 @@ from twin.diagnosis.unknown import smooth_evidence, tolerant
 #: Prior probabilities: of no gap, of one effect in all, of two in all, of a cause that is not in the library.
 PRIOR = {"none": 0.5, "one": 0.32, "two": 0.065, "unknown": 0.115}
 #: Shares of the unknown: a smooth gap, the same beside an effect, and causes that are only suspected.
-SHARES = {"smooth": 0.73, "beside": 0.05, "suspected": 0.22}
+SHARES = {"smooth": 0.77, "beside": 0.01, "suspected": 0.22}
 #: Fits of one effect, and of two, that are weighed with the error of the response.
 _CHECKED = 8
 Progress = Callable[[str, float], None]

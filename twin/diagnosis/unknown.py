@@ -71,12 +71,19 @@ def tolerant(fit: Fit, residual: FloatArray, members: Sequence[Normal], smooth: 
         LAW_ERROR**2 * square * smooth,
     )
     rest = residual - fit.table
-    by = fit.by_structure.copy()
+    by, peaks = fit.by_structure.copy(), [-np.inf]
     for k in best_structures(fit, members).tolist():
         if np.isfinite(by[k]):
             exact = members[k].log_density(rest)
+            peaks.append(exact + members[k].log_weight)
             wider = [replace(members[k], covariance=members[k].covariance + error) for error in errors]
             gains = np.array([0.0, *(member.log_density(rest) - exact for member in wider)])
             by[k] += float(log_sum(gains + np.log(_TOLERANCES)))
     weighted = by + np.array([member.log_weight for member in members])
-    return replace(fit, by_structure=by, log_evidence=float(log_sum(weighted)), best=int(np.argmax(weighted)))
+    return replace(
+        fit,
+        by_structure=by,
+        log_evidence=float(log_sum(weighted)),
+        best=int(np.argmax(weighted)),
+        log_peak=float(log_sum(np.array(peaks))),
+    )

@@ -14,6 +14,8 @@ from twin.diagnosis.posterior import Hypothesis, Posterior
 Verdict = Literal["none", "effects", "unknown", "undecided"]
 #: Effects whose evidence lies within so many nats of the best cannot be told from it (about 95 to 5).
 TOLD_APART = 3.0
+#: Nor can those that fit the run within so many nats of it: one that is dearer by its prior alone is not ruled out.
+FITS_ALIKE = 1.0
 #: A class of more effects names nothing.
 LARGEST_CLASS = 5
 #: Least probability of what is said.
@@ -127,8 +129,7 @@ def _slot(leading: Hypothesis, slot: int, posterior: Posterior) -> Named:
         if other.unknown or len(other.names) != len(leading.names) or not others <= set(other.names):
             continue
         rest = [name for name in other.names if name not in others]
-        near = other.log_evidence > leading.log_evidence - TOLD_APART
-        if near and len(rest) == 1 and rest[0] not in members:
+        if _near(leading, other) and len(rest) == 1 and rest[0] not in members:
             members.append(rest[0])
     probability = sum(
         p
@@ -137,6 +138,15 @@ def _slot(leading: Hypothesis, slot: int, posterior: Posterior) -> Named:
     )
     values, u = _values(leading, slot)
     return Named(leading.names[slot], tuple(members), float(probability), values, u)
+
+
+def _near(leading: Hypothesis, other: Hypothesis) -> bool:
+    """Whether the run cannot tell the other explanation from the leading one."""
+    if other.log_evidence > leading.log_evidence - TOLD_APART:
+        return True
+    if leading.fit is None or other.fit is None or not np.isfinite(leading.fit.log_peak):
+        return False
+    return other.fit.log_peak > leading.fit.log_peak - FITS_ALIKE
 
 
 def _values(hypothesis: Hypothesis, slot: int) -> tuple[FloatArray, FloatArray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,23 @@ def test_gap_without_a_name_is_unknown():
 def test_class_holds_what_is_less_than_its_nats_behind(behind: float, inside: bool):
     (named,) = decide(weighed((("stray",), 30.0), (("dark",), 30.0 - behind))).named
     assert ("dark" in named.members) == inside
+
+
+@pytest.mark.parametrize(("worse", "inside"), [(-2.0, True), (0.9, True), (1.1, False)])
+def test_class_holds_what_fits_as_well_and_is_dearer_by_its_prior_alone(worse: float, inside: bool):
+    simple, rich = replace(fit("stray"), log_peak=40.0), replace(fit("dark"), log_peak=40.0 - worse)
+    none = Hypothesis((), False, 0.0, 0.0, fit())
+    posterior = normalised(
+        [none, Hypothesis(("stray",), False, 0.0, 30.0, simple), Hypothesis(("dark",), False, 0.0, 22.0, rich)]
+    )
+    (named,) = decide(posterior).named
+    assert named.effect == "stray"
+    assert ("dark" in named.members) == inside
+
+
+def test_effect_whose_fit_was_not_asked_is_judged_by_its_evidence():
+    (named,) = decide(weighed((("stray",), 30.0), (("dark",), 22.0))).named
+    assert named.members == ("stray",)
 
 
 def test_probability_of_a_class_is_that_of_its_members_together():

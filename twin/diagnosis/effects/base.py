@@ -127,7 +127,7 @@ class SceneEffect(Effect):
         Number of nodes for each parameter's tabulation, from cap to cap: so many that what is read off between them
         differs from what is rendered there by a tenth of the change, or a tenth of the uncertainty.
     crowding
-        1 for even nodes; with a larger power they crowd around the nominal value, where changes are sought most closely.
+        1 for even nodes; with a larger power they crowd around the nominal value, where changes are sought.
     """
 
     nodes: ClassVar[tuple[int, ...]]
