@@ -19,7 +19,7 @@ from gui.points import LaidOut, lay_out
 from instrument.events import Event, ScanStarted
 
 INTERVAL_MS = 33  # about 30 updates a second
-BUDGET_S = 0.008  # of a frame; what is left over waits for the next one
+BUDGET_S = 0.008  # of the Qt thread in a frame; what is left over waits for the next one
 
 
 class Bridge(QObject):
@@ -70,8 +70,8 @@ class Bridge(QObject):
 
     def _deliver(self) -> None:
         self._asleep = True  # before the queue is read: an event that comes meanwhile wakes us again
-        end = time.perf_counter() + BUDGET_S
-        while self._queue and time.perf_counter() < end:
+        end = time.thread_time() + BUDGET_S
+        while self._queue and time.thread_time() < end:
             self.model.apply(self._queue.popleft())
         if self._queue:
             self._asleep = False

@@ -48,6 +48,10 @@ def test_a_point_comes_back_as_it_was_stored(point: Point) -> None:
     points.store(point)
     assert points[2] == point
     assert (points[1], points[3]) == neighbours
+    scored = {each: getattr(point.score, each, "") for each in ("category", "difference_category", "level_category")}
+    for of, category in scored.items():
+        bare = "measured" if point.settled else "waiting"
+        assert points.standing(2, of) == ("missing" if point.skipped else category or bare)
 
 
 def test_a_value_that_is_no_number_is_a_value_nevertheless() -> None:
