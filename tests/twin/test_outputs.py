@@ -27,6 +27,7 @@ OUTPUTS: list[tuple[str, tuple[object, ...], str]] = [
     ("diagnose", (RUN, *INPUTS, "--report"), ".html"),
     ("diagnose", (RUN, *INPUTS, "--save-twin"), ".toml"),
     ("diagnose", (RUN, *INPUTS, "--plans"), "/"),
+    ("blind-check", ("--json",), ".toml"),
     ("report", (RUN, "--out"), ".html"),
     ("report", (RUN, "--out", "new.html", "--pdf"), ".pdf"),
     ("report", (RUN, "--out", "new.html", "--figures"), "/"),
@@ -44,8 +45,9 @@ OUTPUTS: list[tuple[str, tuple[object, ...], str]] = [
     ("exchange pull", (f"file://{FILES.facility.parent}",), "/"),
     ("devices simulate", ("--out",), "/"),
 ]
-#: A run folder is never written into twice (test_run_safety.py); sets of cases go on where they stopped; a chart and
-#: a store are tried with theirs (test_procedures_standing.py, test_exchange_stores.py).
+#: A run folder is never written into twice (test_run_safety.py); sets of cases go on where they stopped
+#: (their ``--json`` does not); a chart and a store are tried with theirs (test_procedures_standing.py,
+#: test_exchange_stores.py).
 ELSEWHERE = {"scan", "gui", "cases make", "blind-check", "calibrate chart", "exchange push"}
 WRITING = {"--out", "--figures", "--pdf", "--prediction", "--save-twin", "--report", "--plans", "out", "url", "folder"}
 

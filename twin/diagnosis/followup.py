@@ -165,13 +165,17 @@ def _proposal(scan: Scan, worth: Worth, leading: Sequence[Explanation], duration
 
 
 def write_plans(found: Sequence[Proposal], folder: Path) -> list[Path]:
-    """Write the plans as ``plan-1.toml`` and so on, the best first; the folder is made."""
+    """Write the plans as ``plan-1.toml`` and so on, the best first; the folder is made, earlier plans there go."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for number, proposal in enumerate(found, start=1):
         path = folder / f"plan-{number}.toml"
         write_result(path, (_heading(proposal) + proposal.plan).encode())
         paths.append(path)
+    for earlier in folder.glob("plan-*.toml"):
+        # A plan of another diagnosis would be taken for the next best of this one.
+        if earlier not in paths and earlier.stem.removeprefix("plan-").isdigit():
+            earlier.unlink()
     return paths
 
 

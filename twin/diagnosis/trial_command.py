@@ -55,10 +55,9 @@ def blind_check(
     The labels are committed by their digest before; the diagnosing processes are given the runs alone.
     """
     from instrument.errors import InputError
-    from instrument.output import check_writable
+    from instrument.output import check_json
 
-    if json is not None:
-        check_writable(json)
+    check_json(json)
     if (runs is None) != (labels is None) or (runs is None) != (common is None):
         raise InputError("--runs, --common and --labels: expected all three or none")
     if runs is None:

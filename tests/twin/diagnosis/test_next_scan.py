@@ -15,7 +15,7 @@ from instrument.plan import PlanForm, make_plan
 from sim_fixtures.examples import example_files
 from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.covariance import Structure
-from twin.diagnosis.followup import ranked
+from twin.diagnosis.followup import ranked, write_plans
 from twin.diagnosis.next_explanations import Explanation, entropy, known_of
 from twin.diagnosis.next_information import Outlook
 from twin.diagnosis.next_plan import duration_of, plan_columns, plan_text
@@ -165,6 +165,13 @@ def test_explanations_by_effects_that_a_stage_does_not_know_are_left_out():
     kept = known_of(leading, ["a"])
     assert [one.label for one in kept] == ["a", "none"]
     assert [one.probability for one in kept] == pytest.approx([6 / 7, 1 / 7])
+
+
+def test_plans_of_an_earlier_diagnosis_do_not_stay_among_those_of_a_later_one(tmp_path):
+    for name in ("plan-1.toml", "plan-12.toml", "plan-mine.toml", "notes.txt"):
+        (tmp_path / name).write_text("earlier")
+    assert write_plans([], tmp_path) == []
+    assert {path.name for path in tmp_path.iterdir()} == {"plan-mine.toml", "notes.txt"}
 
 
 def test_nothing_is_proposed_where_one_explanation_is_left():
