@@ -17,6 +17,7 @@ from instrument.artifact import ArtifactDimensions
 from twin.artifact import Surface
 from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.effects.base import AzimuthEffect, Known, Parameter, ReadingEffect, SceneEffect, TopEffect
+from twin.diagnosis.effects.material import reflectance_room
 from twin.diagnosis.effects.travel import ByAngle
 from twin.diagnosis.variation import ArtifactChange, Variation
 
@@ -69,8 +70,14 @@ class WallReflectance(SceneEffect):
     name = "wall_reflectance"
     title = "walls of the holes brighter or darker"
     catalogued = False
-    parameters = (Parameter("ratio", "1", 0.2, (0.2, 1.4), nominal=1.0),)
-    nodes: ClassVar = (6,)
+    parameters = (Parameter("ratio", "1", 0.2, (0.2, 2.0), nominal=1.0),)
+    nodes: ClassVar = (7,)
+
+    def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
+        """No wall reflects more light than it receives."""
+        (parameter,) = super().resolve(known, run)
+        most = 1.0 / max(1.0 - reflectance_room(known), 1e-6)
+        return (replace(parameter, cap=(parameter.cap[0], max(1.02, min(parameter.cap[1], most)))),)
 
     def not_applicable(self, known: Known) -> str:
         return "the sample has no holes" if not len(known.artifact.holes) else ""

@@ -34,18 +34,18 @@ class _Lobe(SceneEffect):
 
     def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
         amplitude, shape = super().resolve(known, run)
-        most = 0.95 * _room(known) / _LOBE_REFLECTANCE[self.name]
+        most = 0.95 * reflectance_room(known) / _LOBE_REFLECTANCE[self.name]
         return replace(amplitude, cap=(amplitude.cap[0], min(amplitude.cap[1], most))), shape
 
     def not_applicable(self, known: Known) -> str:
-        return "the coating reflects all light already" if _room(known) < _LEAST_ROOM else ""
+        return "the coating reflects all light already" if reflectance_room(known) < _LEAST_ROOM else ""
 
     def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
         amplitude, shape = parameters
         return np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1], np.geomspace(*shape.cap, self.nodes[1])
 
 
-def _room(known: Known) -> float:
+def reflectance_room(known: Known) -> float:
     """Share of the light that the coating does not reflect, at the worst incidence."""
     material = known.material
     most = max(float(material.directional_reflectance(material.cos_i, k).max()) for k in range(len(material.brdf)))
