@@ -21,6 +21,7 @@ import sys
 import tempfile
 import threading
 import time
+from array import array
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -49,7 +50,8 @@ from instrument.events import (
 
 START = datetime(2026, 3, 2, 9, 0, tzinfo=UTC)
 _HOME = tempfile.TemporaryDirectory(prefix="goniotwin-window-")  # Qt would put a file in the place of /dev/null
-_SLOW_MS = 50.0
+_SLOW_MS, _FRAME_MS = 50.0, 33.0
+_KEPT = 2_000_000  # passes
 _SLOWEST = 12  # passes that are reported one by one
 _TURN_MS = 3000
 #: Where the person looks in turn: page, and tab of the page Watch.
@@ -121,8 +123,8 @@ class Loop(QObject):
 
     def __init__(self, where: Callable[[], str]) -> None:
         super().__init__()
-        self.wall: list[float] = []
-        self.thread: list[float] = []
+        self.passes = 0
+        self._kept = array("f", [0.0]) * (2 * _KEPT)  # from the beginning, so that no memory grows by what is noted
         self.slowest: list[tuple[float, float, float, str]] = []  # thread (ms), wall (ms), at (s), where
         self._where = where
         self._beat = QTimer(self)
@@ -139,12 +141,18 @@ class Loop(QObject):
         """No more."""
         self._beat.stop()
 
+    @property
+    def sorted(self) -> tuple[list[float], list[float]]:
+        """Milliseconds of all passes, shortest first: wall, and Qt thread."""
+        kept = self._kept[: 2 * self.passes]
+        return sorted(kept[::2]), sorted(kept[1::2])
+
     def _pass(self) -> None:
         now = (time.perf_counter(), time.thread_time())
         if self._last is not None:
             wall, thread = (1e3 * (after - before) for after, before in zip(now, self._last, strict=True))
-            self.wall.append(wall)
-            self.thread.append(thread)
+            self._kept[2 * self.passes], self._kept[2 * self.passes + 1] = wall, thread
+            self.passes += 1
             if len(self.slowest) < _SLOWEST or thread > self.slowest[-1][0]:
                 self.slowest.append((round(thread, 1), round(wall, 1), round(now[0] - self._began, 1), self._where()))
                 self.slowest = sorted(self.slowest, reverse=True)[:_SLOWEST]
@@ -258,7 +266,7 @@ def run(count: int, rate: float, page: str, preload: int = 0) -> dict[str, Any]:
     application.exec()
     took, cpu = time.perf_counter() - began, time.process_time() - cpu
     loop.stop()
-    wall, thread = sorted(loop.wall), sorted(loop.thread)
+    wall, thread = loop.sorted
     half = [each for settled, each in memory if settled >= len(points) / 2]
     return {
         "points": len(points),
@@ -280,11 +288,12 @@ def run(count: int, rate: float, page: str, preload: int = 0) -> dict[str, Any]:
 
 
 def figures(clock: str, passes: list[float]) -> dict[str, float]:
-    """Longest pass, the quantile 0.999 and how many are above 50 ms; of sorted milliseconds."""
+    """Longest pass, the quantile 0.999 and how many are above 50 and 33 ms; of sorted milliseconds."""
     return {
         f"longest_pass_ms_{clock}": round(passes[-1], 1),
         f"p999_pass_ms_{clock}": round(passes[int(0.999 * (len(passes) - 1))], 1),
         f"passes_over_50_ms_{clock}": sum(each > _SLOW_MS for each in passes),
+        f"passes_over_33_ms_{clock}": sum(each > _FRAME_MS for each in passes),
     }
 
 

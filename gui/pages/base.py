@@ -11,11 +11,13 @@ from PySide6.QtCore import QByteArray, QModelIndex, QPersistentModelIndex, QSett
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
+    QHeaderView,
     QLabel,
     QScrollArea,
     QSplitter,
     QStyledItemDelegate,
     QStyleOptionViewItem,
+    QTableWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -166,6 +168,18 @@ class RoomyRows(QStyledItemDelegate):
     def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
         """Eight logical pixels more than the text takes."""
         return super().sizeHint(option, index) + QSize(0, 8)
+
+
+def fill(table: QTableWidget, put: Callable[[], None]) -> None:
+    """Put texts into a table whose rows and columns fit them, and measure these once, not anew for every text."""
+    rows, columns = table.verticalHeader(), table.horizontalHeader()
+    modes = [columns.sectionResizeMode(column) for column in range(columns.count())]
+    for header in (rows, columns):
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+    put()
+    for column, mode in enumerate(modes):
+        columns.setSectionResizeMode(column, mode)
+    rows.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
 
 
 def card(title: str = "", margins: int = 12) -> tuple[QFrame, QVBoxLayout]:

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 from gui import marks, words
 from gui.guided import Guided, laboratory_arguments
 from gui.model import Changes
-from gui.pages.base import Desk, Page, RoomyRows, card
+from gui.pages.base import Desk, Page, RoomyRows, card, fill
 from gui.panels.base import quiet
 from gui.procedures import Procedure, procedures
 from gui.theme import Theme
@@ -39,6 +39,7 @@ class CalibrationPage(Page):
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
         self.procedures: list[Procedure] = []
+        self._listed: tuple[list[Procedure], Theme] = ([], desk.theme)
         self._work = Work(self)
         self._work.finished.connect(self._show)
         row = QHBoxLayout(self)
@@ -100,6 +101,14 @@ class CalibrationPage(Page):
     def _show(self, found: list[Procedure]) -> None:
         self.procedures = found
         row = max(self.table.currentRow(), 0)
+        if (found, self.desk.theme) != self._listed:
+            self._listed = list(found), self.desk.theme
+            fill(self.table, lambda: self._put(found))
+        if found:
+            self.table.selectRow(min(row, len(found) - 1))
+        self._choose()
+
+    def _put(self, found: list[Procedure]) -> None:
         self.table.setRowCount(len(found))
         for index, each in enumerate(found):
             texts = (each.command.replace("-", " "), each.verdict or "never", each.age, each.summary or each.text)
@@ -110,9 +119,6 @@ class CalibrationPage(Page):
                     sign, tone = _SIGNS.get(each.verdict, ("ring", "quiet"))
                     item.setIcon(marks.icon(sign, self.desk.theme.tone(tone)))
                 self.table.setItem(index, column, item)
-        if found:
-            self.table.selectRow(min(row, len(found) - 1))
-        self._choose()
 
     def chosen(self) -> Procedure | None:
         """The chosen procedure."""

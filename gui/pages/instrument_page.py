@@ -21,7 +21,7 @@ from gui import marks
 from gui.child import Child
 from gui.guided import Guided, laboratory_arguments
 from gui.model import Changes
-from gui.pages.base import Desk, Page, RoomyRows, card
+from gui.pages.base import Desk, Page, RoomyRows, card, fill
 from gui.panels.base import quiet
 from gui.theme import Theme
 from gui.work import Work
@@ -149,6 +149,9 @@ class InstrumentPage(Page):
         if not checks:
             return
         self.when.setText(f"{when[:19].replace('T', ' ')} UTC, before the run {Path(self.model.run_dir).name}")
+        fill(self.checks, lambda: self._put(checks))
+
+    def _put(self, checks: list[dict[str, Any]]) -> None:
         self.checks.setRowCount(0)
         for check in checks:
             good = bool(check.get("passed"))
