@@ -34,7 +34,7 @@ from twin.optics import COORDINATES, Setup, lay_out, reference_change
 from twin.tracer import RANDOMISATIONS, SHARE, Part, Tracer
 
 #: Raised whenever the same variation would give other numbers, as it does when what a change does is changed.
-VERSION = 5
+VERSION = 6
 #: Sight lines of a geometry in each randomisation, a power of two: for scattered light alone, and for all of it.
 SAMPLES, _ALL_SAMPLES = 64, 256
 #: Geometries in one launch at most: bounds the memory.
