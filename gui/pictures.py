@@ -23,6 +23,7 @@ SCALES = (1, 2)
 SIZE = (1360, 900)
 _SHARE = 0.7  # of the run that is shown as measured
 _PATIENCE_WALL = 60.0
+_COLOURS = 128  # beside those of signs
 _PLAN = """
 version = 1
 title = "three planes"
@@ -67,12 +68,24 @@ def take_all(folder: Path, run: Path | None, diagnosed: Path | None = None) -> i
 
 
 def _shrink(path: Path) -> None:
-    """Few colours are enough for a window, and a third of the bytes."""
+    """Few colours are enough for a window, and a third of the bytes; those of small signs stay as they are."""
     from PIL import Image
 
     with Image.open(path) as picture:
-        few = picture.convert("RGB").quantize(128, dither=Image.Dither.NONE)
-    few.save(path, optimize=True)
+        whole = picture.convert("RGB")
+    palette = Image.new("P", (1, 1))
+    palette.putpalette((whole.quantize(_COLOURS).getpalette() or [])[: 3 * _COLOURS] + _sign_colours())
+    whole.quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def _sign_colours() -> list[int]:
+    """Red, green and blue of every colour of both palettes and of the sample's surfaces."""
+    from gui.solid.geometry import SURFACES
+    from gui.theme import DARK, LIGHT
+
+    names = {colour for theme in (LIGHT, DARK) for colour in vars(theme).values() if isinstance(colour, str)}
+    names |= {colour for colour, _ in SURFACES.values()}
+    return [part for name in sorted(names) for part in bytes.fromhex(name.removeprefix("#"))]
 
 
 def _measure(folder: Path) -> Path:

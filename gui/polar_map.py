@@ -189,7 +189,8 @@ class PolarMap(QWidget):
         room = []
         for azimuth in _LABEL_AZIMUTHS:
             labels = [self.place(Spot(ring, azimuth, "")) for ring in _RINGS[:2]]
-            room.append(min(float(np.hypot(*(places - (at.x(), at.y())).T).min()) for at in labels))
+            nearest = min(float(np.hypot(*(places - (at.x(), at.y())).T).min()) for at in labels)
+            room.append(round(nearest))  # of two that are alike, every map takes the same
         return _LABEL_AZIMUTHS[int(np.argmax(room))]
 
     def _painter(self, image: QImage) -> QPainter:
