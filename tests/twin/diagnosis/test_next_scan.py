@@ -314,9 +314,11 @@ def test_slices_of_a_turned_sample_are_a_kind_of_their_own_and_say_how_far():
     assert any("sensor azimuth 90 degrees, sample turned by 180 degrees (" in text for text in found)
 
 
-def test_a_run_of_a_turned_sample_is_followed_by_other_rotations():
+@pytest.mark.parametrize(("known", "expected"), [((90.0,), {90.0, 180.0, -90.0}), ((0.0, 90.0), {0.0, -90.0, 180.0})])
+def test_a_run_of_a_turned_sample_is_followed_by_other_rotations(known: tuple[float, ...], expected: set[float]):
+    """Other planes at the usual rotation, and slices at those that the run lacks."""
     facility = facility_that_turns(sample_rotation=(-180.0, 180.0))
     columns = grid({30.0: (0.0, 90.0)}, 10.0)
-    run = observed(columns | {ROTATION: np.full(len(columns["wavelength"]), 90.0)})
-    found = other_geometries(run, facility.arms)
-    assert set(rotation(found)) == {90.0, 180.0, -90.0}
+    parts = [columns | {ROTATION: np.full(len(columns["wavelength"]), angle)} for angle in known]
+    run = observed({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    assert set(rotation(other_geometries(run, facility.arms))) == expected
