@@ -66,6 +66,9 @@ class PlotsPanel(Panel):
         self.readout = quiet(_HINT)
         self.readout.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.readout.setWordWrap(True)
+        room = self.readout.sizePolicy()
+        room.setHorizontalPolicy(QSizePolicy.Policy.Ignored)
+        self.readout.setSizePolicy(room)
         self.readout.setMinimumHeight(2 * self.readout.fontMetrics().lineSpacing())
         below = QHBoxLayout()
         below.addWidget(self.readout, 1)
@@ -83,7 +86,7 @@ class PlotsPanel(Panel):
         font.setPointSizeF(font.pointSizeF() * 1.2)
         font.setBold(True)
         self.heading.setFont(font)
-        self.heading.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # a longer name of a plane
+        self.heading.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # names differ
         self.follow = QCheckBox("&Follow the scan")
         self.follow.setChecked(True)
         self.follow.setToolTip("Show the plane the arms are in (Ctrl+F)")

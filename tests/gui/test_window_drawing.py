@@ -45,6 +45,7 @@ def test_a_longer_text_does_not_push_the_table_of_planes_aside(stage: Stage) -> 
     width = plots.minimumSizeHint().width()
     plots.heading.setText("sensor azimuth " * 30)
     plots.readout.setText("measured " * 60)
+    plots.body.activate()
     assert plots.minimumSizeHint().width() == width
 
 
