@@ -14,8 +14,9 @@ from twin.diagnosis.fit import Component, Fit, fit_none, fit_single
 from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.unknown import smooth_evidence, tolerant
 
-#: Prior probabilities: of no gap, of one effect in all, of two in all, of a cause that is not in the library.
-PRIOR = {"none": 0.5, "one": 0.32, "two": 0.065, "unknown": 0.115}
+#: Prior probabilities: of no gap, of one effect in all, of two in all, of a cause that is not in the library. A
+#: diagnosis is asked for where something is suspected, and an effect that the budget hides is there all the same.
+PRIOR = {"none": 0.35, "one": 0.415, "two": 0.085, "unknown": 0.15}
 #: Shares of the unknown: a smooth gap, the same beside an effect, and causes that are only suspected.
 SHARES = {"smooth": 0.77, "beside": 0.01, "suspected": 0.22}
 #: Fits of one effect, and of two, that are weighed with the error of the response.
@@ -70,13 +71,6 @@ class Posterior:
         """Effects by probability."""
         names = {name for h in self.hypotheses for name in h.names if not h.unknown}
         return sorted(((name, self.of(name)) for name in names), key=lambda pair: -pair[1])
-
-    def favouring_none(self, odds: float) -> Posterior:
-        """The same where something else speaks for no gap, with such odds."""
-        none = np.array([not h.names and not h.unknown for h in self.hypotheses])
-        weight = self.probability * np.where(none, odds, 1.0)
-        order = np.argsort(-weight, kind="stable")
-        return Posterior(tuple(self.hypotheses[k] for k in order), weight[order] / weight.sum())
 
     def _total(self, chosen: Callable[[Hypothesis], bool]) -> float:
         return float(sum(p for h, p in zip(self.hypotheses, self.probability, strict=True) if chosen(h)))
