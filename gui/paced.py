@@ -5,9 +5,11 @@ from __future__ import annotations
 from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtWidgets import QMainWindow
 
+_SOON_MS = 1  # a timer of 0 waits until nothing else happens: for ever, where a hand keeps moving the mouse
+
 
 class PacedWindow(QMainWindow):
-    """Paints when the event loop has nothing else to do.
+    """Paints when what is going on is done.
 
     Every scene of a plot has its window painted as soon as one of its items has changed, however much is about to
     change elsewhere: a page that is shown would be painted twice, and in the pass in which it was laid out.
@@ -15,17 +17,18 @@ class PacedWindow(QMainWindow):
 
     def __init__(self) -> None:
         super().__init__()
-        self._idle = QTimer(self)
-        self._idle.setSingleShot(True)
-        self._idle.setInterval(0)
-        self._idle.timeout.connect(self._paint)
+        self._soon = QTimer(self)
+        self._soon.setSingleShot(True)
+        self._soon.setInterval(_SOON_MS)
+        self._soon.timeout.connect(self._paint)
         self._due = False
 
     def event(self, event: QEvent) -> bool:
         """Put a request to paint off."""
         if event.type() is not QEvent.Type.UpdateRequest or self._due:
             return super().event(event)
-        self._idle.start()
+        if not self._soon.isActive():
+            self._soon.start()
         return True
 
     def _paint(self) -> None:

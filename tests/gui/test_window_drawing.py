@@ -29,13 +29,13 @@ class Paints(QObject):
 def test_what_asks_for_a_picture_several_times_gets_one_when_the_work_is_done(stage: Stage, qtbot: QtBot) -> None:
     window, paints = stage.window, Paints()
     centre = window.centralWidget()
-    qtbot.waitUntil(lambda: not window._idle.isActive(), timeout=2000)
+    qtbot.waitUntil(lambda: not window._soon.isActive(), timeout=2000)
     centre.installEventFilter(paints)
     for _ in range(3):  # as the scenes of three plots do
         centre.update()
         QCoreApplication.sendPostedEvents(window, QEvent.Type.UpdateRequest)
     assert paints.count == 0
-    window._idle.timeout.emit()
+    window._soon.timeout.emit()
     assert paints.count == 1
 
 
