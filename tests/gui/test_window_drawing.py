@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, QRect
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, QRect, QSize
 from PySide6.QtGui import QColor, QImage, QPainter
-from PySide6.QtWidgets import QStyle, QStyleOptionViewItem
+from PySide6.QtWidgets import QHeaderView, QStyle, QStyleOptionViewItem, QTableWidget, QTableWidgetItem
 from pytestqt.qtbot import QtBot
 from window_stage import Stage, running
 
+from gui.pages.base import RoomyRows, fill
 from gui.panels.planes import Cells
 from gui.polar_map import PolarMap, Spot
 from gui.theme import LIGHT
@@ -81,6 +82,39 @@ def test_cells_say_what_the_table_says(stage: Stage) -> None:
     assert ink(cell(stage, 1, 0), range(20)) == 0
     assert ink(cell(stage, 1, missing)) == 0
     assert ink(cell(stage, 1, missing, selected=True)) == 60 * 22
+
+
+def test_a_table_is_measured_when_it_is_full_and_not_for_every_text(qtbot: QtBot) -> None:
+    asked: list[int] = []
+
+    class Counting(RoomyRows):
+        def sizeHint(self, option: Any, index: Any) -> QSize:
+            asked.append(index.row())
+            return super().sizeHint(option, index)
+
+    table = QTableWidget(0, 2)
+    qtbot.addWidget(table)
+    table.setItemDelegate(Counting(table))
+    content = QHeaderView.ResizeMode.ResizeToContents
+    table.verticalHeader().setSectionResizeMode(content)
+    table.horizontalHeader().setSectionResizeMode(0, content)
+    table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
+    table.show()
+
+    def put() -> None:
+        table.setRowCount(10)
+        for row in range(10):
+            for column in range(2):
+                table.setItem(row, column, QTableWidgetItem("words " * row))
+
+    fill(table, put)
+    qtbot.waitUntil(lambda: bool(asked))
+    asked.clear()
+    fill(table, put)
+    assert len(asked) <= 5 * 20  # cells; 500 where every text has its row and its column measured
+    assert table.horizontalHeader().sectionResizeMode(0) == content
+    assert table.horizontalHeader().sectionResizeMode(1) == QHeaderView.ResizeMode.Stretch
+    assert table.columnWidth(0) > table.fontMetrics().horizontalAdvance("words " * 8)
 
 
 def shown(spots: list[Spot], qtbot: QtBot) -> PolarMap:
