@@ -23,11 +23,14 @@ from twin.diagnosis.covariance import structures
 from twin.diagnosis.observation import Observation
 from twin.diagnosis.parity_nadir import Nadir, at_nadir
 from twin.diagnosis.parity_terms import Term, fit_terms, square
+from twin.diagnosis.turned import rotation
 
 __all__ = ["Nadir", "Parity", "Symmetry", "Term", "equal_pairs", "parities", "parity"]
 
-#: How the sample looks when it is turned about its normal; all have a mirror along every plane of incidence.
+#: How the sample looks when it is turned about its normal; all have a mirror along the plane of incidence as they lie.
 Symmetry = Literal["isotropic", "fourfold", "twofold", "mirror"]
+#: By how much a sample must be turned to look the same, degree; by half of it, to have its mirror there again.
+_PERIOD: dict[Symmetry, float] = {"isotropic": 0.0, "fourfold": 90.0, "twofold": 180.0, "mirror": 360.0}
 #: Directions closer than this are the same, degree; illumination zeniths below it are normal incidence.
 _SAME = 0.05
 _LEVEL = 0.05
@@ -194,7 +197,9 @@ def equal_pairs(run: Observation, *, symmetry: Symmetry = "fourfold") -> IntArra
     if symmetry == "isotropic":
         view[normal, 0], view[normal, 1] = np.hypot(view[normal, 0], view[normal, 1]), 0.0
     wavelength = np.nan_to_num(columns["wavelength"], nan=0.0)
-    place = np.column_stack([view, np.deg2rad(columns["illumination_zenith"]), wavelength])
+    turned = np.deg2rad(_turned(run, _PERIOD[symmetry]))
+    mirrored = _turned(run, _PERIOD[symmetry] / 2) < _SAME
+    place = np.column_stack([view, np.deg2rad(columns["illumination_zenith"]), wavelength, turned])
     tree = cKDTree(place)
     root = np.arange(len(run))
     found: list[tuple[int, int]] = []
@@ -204,11 +209,19 @@ def equal_pairs(run: Observation, *, symmetry: Symmetry = "fourfold") -> IntArra
         distance, nearest = tree.query(moved, distance_upper_bound=np.deg2rad(_SAME))
         partner = np.asarray(nearest, dtype=np.int64)
         for point in np.flatnonzero(np.isfinite(distance)):
-            if number == 0 or normal[point]:
+            if normal[point] if number else mirrored[point]:
                 _join(root, found, int(point), int(partner[point]))
     for first, second in sorted(tree.query_pairs(np.deg2rad(_SAME))):
         _join(root, found, first, second)
     return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
+
+
+def _turned(run: Observation, period_deg: float) -> FloatArray:
+    """How far the sample lies from where it looks the same as unturned, degree, shape (point,)."""
+    if period_deg == 0:
+        return np.zeros(len(run))
+    rest = np.mod(rotation(run.columns), period_deg)
+    return np.where(period_deg - rest < _SAME, 0.0, rest)
 
 
 def _join(root: IntArray, found: list[tuple[int, int]], first: int, second: int) -> None:

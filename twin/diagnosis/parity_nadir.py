@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from instrument.angles import FloatArray
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.turned import rotation
 
 _SAME = 0.05
 #: Points and span of azimuths (degree) that a fit needs at least.
@@ -55,6 +56,9 @@ def at_nadir(run: Observation, left_out: NDArray[np.int64]) -> tuple[Nadir, ...]
     """
     columns = run.columns
     azimuth = columns["sensor_azimuth"] - columns["illumination_azimuth"]
+    # Of a sample turned by hands the arm may come from the other side: at zenith 0 the sign alone tells so.
+    other_side = (rotation(columns) != 0) & np.signbit(columns["sensor_zenith"])
+    azimuth = azimuth + np.where(other_side, 180.0, 0.0)
     above = np.abs(columns["sensor_zenith"]) < _SAME
     above[left_out] = False
     found = []

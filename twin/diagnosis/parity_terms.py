@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from instrument.angles import FloatArray
 from twin.diagnosis.observation import Observation
+from twin.diagnosis.turned import from_sample
 
 IntArray = NDArray[np.int64]
 _DEGREE = np.pi / 180
@@ -47,12 +48,17 @@ class Term:
 
 @dataclass(frozen=True)
 class Place:
-    """Angles of points in rad, shape (point,), and their progress in the run from 0 to 1."""
+    """Angles of points in rad, shape (point,), and their progress in the run from 0 to 1.
+
+    Azimuths of the arms, and of sensor and light as a sample sees them that may have been turned.
+    """
 
     sensor_zenith_rad: FloatArray
     sensor_azimuth_rad: FloatArray
     light_zenith_rad: FloatArray
     light_azimuth_rad: FloatArray
+    seen_sensor_azimuth_rad: FloatArray
+    seen_light_azimuth_rad: FloatArray
     progress: FloatArray
 
     @classmethod
@@ -60,7 +66,9 @@ class Place:
         """Of a run's points."""
         names = ("sensor_zenith", "sensor_azimuth", "illumination_zenith", "illumination_azimuth")
         zenith, azimuth, light_zenith, light_azimuth = (np.deg2rad(run.columns[name]) for name in names)
-        return cls(zenith, azimuth, light_zenith, light_azimuth, run.progress)
+        seen = from_sample(run.columns)
+        seen_azimuths = (np.deg2rad(seen[name]) for name in ("sensor_azimuth", "illumination_azimuth"))
+        return cls(zenith, azimuth, light_zenith, light_azimuth, *seen_azimuths, run.progress)
 
 
 Pattern = Callable[[Place], FloatArray]
@@ -83,25 +91,25 @@ _CAUSES = (
         "tilt about x",
         "a tilt of the sample about the x axis (or a wedge), as the sensor sees it",
         "degree",
-        lambda p: -_DEGREE * np.tan(p.sensor_zenith_rad) * np.sin(p.sensor_azimuth_rad),
+        lambda p: -_DEGREE * np.tan(p.sensor_zenith_rad) * np.sin(p.seen_sensor_azimuth_rad),
     ),
     _Cause(
         "tilt about y",
         "a tilt of the sample about the y axis (or a wedge), as the sensor sees it",
         "degree",
-        lambda p: _DEGREE * np.tan(p.sensor_zenith_rad) * np.cos(p.sensor_azimuth_rad),
+        lambda p: _DEGREE * np.tan(p.sensor_zenith_rad) * np.cos(p.seen_sensor_azimuth_rad),
     ),
     _Cause(
         "tilt about x, light",
         "a tilt of the sample about the axis of illumination azimuth 0 (or a wedge), as the light sees it",
         "degree",
-        lambda p: -_DEGREE * np.tan(p.light_zenith_rad) * np.sin(p.light_azimuth_rad),
+        lambda p: -_DEGREE * np.tan(p.light_zenith_rad) * np.sin(p.seen_light_azimuth_rad),
     ),
     _Cause(
         "tilt about y, light",
         "a tilt of the sample about the axis of illumination azimuth 90 (or a wedge), as the light sees it",
         "degree",
-        lambda p: _DEGREE * np.tan(p.light_zenith_rad) * np.cos(p.light_azimuth_rad),
+        lambda p: _DEGREE * np.tan(p.light_zenith_rad) * np.cos(p.seen_light_azimuth_rad),
     ),
     _Cause(
         "illumination out of its plane",
