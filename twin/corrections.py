@@ -35,7 +35,7 @@ from twin.diagnosis.effects import (
     ZenithEffect,
     effect,
 )
-from twin.diagnosis.turned import ROTATION, from_sample, of_the_arms, rotation, setup_seen
+from twin.diagnosis.turned import ROTATION, arm_columns, from_sample, of_the_arms, rotation, setup_seen
 from twin.diagnosis.variation import Variation, together
 from twin.material import Material, read_material
 from twin.optics import Setup, reference_change
@@ -208,11 +208,12 @@ class CorrectedTwin(Twin):
     ) -> Estimate:  # the options are those of the nominal twin
         """As the nominal twin's, in the corrected geometry and divided by the reference read with what is off then.
 
-        Of a turned sample (another illumination azimuth) what is of the arms stays in the laboratory.
+        Of a turned sample what is of the arms stays in the laboratory. Another illumination azimuth is one that hands
+        have turned; one on a stage says so itself (:func:`twin.diagnosis.turned.arm_columns`).
         """
         if setup is not None:
             raise InputError("setup: the corrections say what is off; expected none beside them")
-        arms = of_the_arms(columns, np.zeros(len(columns["sensor_zenith"])))
+        arms = of_the_arms(columns, rotation(columns))
         acquired = plan_acquisition(arms, self.facility)
         error = sum((one.zenith_error(acquired, values[None])[0] for one, values in self.applied.arm), np.zeros(1))
         nominal = self.applied.variation.setup
@@ -225,6 +226,10 @@ class CorrectedTwin(Twin):
         for one, values in self.applied.readings:
             brf = one.reading(acquired, brf, values)
         return Estimate(brf, found.standard_error * np.abs(brf / found.brf), found.samples)
+
+    def _columns(self, geometries: Sequence[Geometry] | xr.Dataset) -> dict[str, FloatArray]:
+        # Angles as the sample sees them do not tell from which side the arm came to them.
+        return arm_columns(geometries)
 
     def _reference(self) -> Setup:
         """What is off while the reference is measured."""

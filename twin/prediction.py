@@ -139,13 +139,17 @@ class Twin:
         """
         columns = geometry_columns(geometries)
         seed = self.seed if seed is None else seed
-        seen = sample_columns(geometries)
+        seen = self._columns(geometries)
         if setup is not None and np.any(sample_rotation(geometries)):
             raise InputError(
                 "sample_rotation: found a turned sample; expected none where the set-up is not the nominal one"
             )
         estimate = self.estimate(seen, standard_error=standard_error, samples=samples, seed=seed, setup=setup)
         return _dataset(geometries, columns, estimate, seed).assign_attrs(material=self.material.describe())
+
+    def _columns(self, geometries: Sequence[Geometry] | xr.Dataset) -> dict[str, FloatArray]:
+        """What :meth:`estimate` takes of the geometries: angles as the sample sees them, degree, shape (point,)."""
+        return sample_columns(geometries)
 
     def estimate(
         self,

@@ -9,6 +9,7 @@ import pytest
 from traced_samples import artifact, facility, flat
 
 from instrument.errors import InputError
+from instrument.events import Geometry
 from twin.corrections import (
     CorrectedTwin,
     Correction,
@@ -222,3 +223,26 @@ def test_arm_and_beam_that_are_off_stay_so_when_a_flat_sample_turns(effect: str,
     plain, one, other = (each.estimate(where, samples=2**15, seed=3).brf for each, where in looks)
     assert np.abs(one / plain - 1).max() > 0.03
     np.testing.assert_allclose(other, one, rtol=2e-3)
+
+
+def test_an_arm_beside_a_turned_stage_is_off_on_the_side_where_it_stands():
+    """Azimuth 225 and zenith 60 is not azimuth 45 and zenith -60 for an arm whose zero is off."""
+    known = Known(facility(4.0, target=5.0), flat(), lambertian(0.6))
+    applied = resolve(corrections(sensor_zenith_offset={"angle_deg": 1.0}), known, ordered=False)
+    twin = CorrectedTwin(known.facility, known.artifact, known.material, applied)
+    angles = {"wavelength": 500.0, "illumination_zenith": 30.0, "sensor_zenith": 60.0, "illumination_azimuth": 0.0}
+    lying, turned, opposite = (
+        twin.predict([Geometry(**angles, sensor_azimuth=azimuth, sample_rotation=stage)], samples=2**14)["brf"].item()
+        for azimuth, stage in ((225.0, 0.0), (225.0, 90.0), (225.0, -120.0))
+    )
+    assert (
+        abs(
+            lying
+            / Twin(known.facility, known.artifact, known.material)
+            .predict([Geometry(**angles, sensor_azimuth=225.0)], samples=2**14)["brf"]
+            .item()
+            - 1
+        )
+        > 0.02
+    )
+    np.testing.assert_allclose([turned, opposite], lying, rtol=2e-3)

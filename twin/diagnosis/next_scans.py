@@ -32,6 +32,8 @@ _NEW_PLANES, _NEW_LIGHTS = 2, 2
 PLANE, LIGHT, TURNED = "another plane", "another illumination", "turned sample"
 #: By how much the sample is turned, degree: an axis in it changes places with that across it; a side with the other.
 _TURNS = (90.0, 180.0)
+#: Rotations so little apart are the same, degree.
+_SAME_TURN = 0.01
 #: Slices of a turned sample are thinned to about so many points.
 _MOST_TURNED = 13
 
@@ -197,7 +199,9 @@ def _rotations(run: Observation, arms: Arms) -> list[float]:
     for turn in _TURNS:
         # Hands turn it to a positive azimuth where they can: the arm's travel then needs no other side.
         both = [usual + way * turn, usual - way * turn]
-        free = [one for one in both if travel[0] <= way * one <= travel[1] and one not in known]
+        # A whole turn more or less is the same sample.
+        new = [one for one in both if np.all(np.abs(np.mod(known - one + 180.0, 360.0) - 180.0) > _SAME_TURN)]
+        free = [one for one in new if travel[0] <= way * one <= travel[1]]
         found += free[:1]
     return found
 

@@ -28,8 +28,8 @@ _DECIMALS = 9
 Columns = dict[str, FloatArray]
 
 
-def arm_columns(run: xr.Dataset) -> Columns:
-    """Commanded geometries of a run as the arms had them; see :func:`of_the_arms`."""
+def arm_columns(run: Sequence[Geometry] | xr.Dataset) -> Columns:
+    """Commanded geometries of a run or plan as the arms had them, degree; see :func:`of_the_arms`."""
     return of_the_arms(geometry_columns(run), sample_rotation(run))
 
 

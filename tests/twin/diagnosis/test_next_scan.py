@@ -314,7 +314,15 @@ def test_slices_of_a_turned_sample_are_a_kind_of_their_own_and_say_how_far():
     assert any("sensor azimuth 90 degrees, sample turned by 180 degrees (" in text for text in found)
 
 
-@pytest.mark.parametrize(("known", "expected"), [((90.0,), {90.0, 180.0, -90.0}), ((0.0, 90.0), {0.0, -90.0, 180.0})])
+@pytest.mark.parametrize(
+    ("known", "expected"),
+    [
+        ((90.0,), {90.0, 180.0, -90.0}),
+        ((0.0, 90.0), {0.0, -90.0, 180.0}),
+        # Half a turn the other way is the same half of a turn.
+        ((0.0, 180.0), {0.0, 90.0}),
+    ],
+)
 def test_a_run_of_a_turned_sample_is_followed_by_other_rotations(known: tuple[float, ...], expected: set[float]):
     """Other planes at the usual rotation, and slices at those that the run lacks."""
     facility = facility_that_turns(sample_rotation=(-180.0, 180.0))
