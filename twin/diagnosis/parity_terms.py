@@ -67,8 +67,8 @@ class Place:
         names = ("sensor_zenith", "sensor_azimuth", "illumination_zenith", "illumination_azimuth")
         zenith, azimuth, light_zenith, light_azimuth = (np.deg2rad(run.columns[name]) for name in names)
         seen = from_sample(run.columns)
-        seen_azimuths = (np.deg2rad(seen[name]) for name in ("sensor_azimuth", "illumination_azimuth"))
-        return cls(zenith, azimuth, light_zenith, light_azimuth, *seen_azimuths, run.progress)
+        sensor, light = (np.deg2rad(seen[name]) for name in ("sensor_azimuth", "illumination_azimuth"))
+        return cls(zenith, azimuth, light_zenith, light_azimuth, sensor, light, run.progress)
 
 
 Pattern = Callable[[Place], FloatArray]
