@@ -274,7 +274,15 @@ def plan_acquisition(columns: dict[str, FloatArray], facility: Facility) -> Acqu
     order = np.arange(len(flux))
     previous = np.maximum(order - 1, 0)
     signal = np.asarray(flux / (np.mean(of_reference) * reference.reflectance_factor))
-    return Acquisition(columns, signal, reference.sensor_zenith, azimuth, previous, travel_direction(columns, order))
+    return Acquisition(
+        columns,
+        signal,
+        reference.sensor_zenith,
+        azimuth,
+        previous,
+        travel_direction(columns, order),
+        reference_illumination=reference.illumination_zenith,
+    )
 
 
 def corrected_twin(

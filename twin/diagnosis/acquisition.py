@@ -26,6 +26,8 @@ class Acquisition:
         Signal over the reference reading that a reflectance factor of 1 gives.
     reference_zenith, reference_azimuth
         Of the sensor during the reference measurement, degree.
+    reference_illumination
+        Zenith of the light during it, degree.
     previous
         Index of the point read before (the first point's own).
     travel
@@ -48,6 +50,18 @@ class Acquisition:
     gain: FloatArray | None = None
     reference_gain: float | None = None
     reference_current: float | None = None
+    reference_illumination: float = 0.0
+
+    @property
+    def reference_columns(self) -> dict[str, FloatArray]:
+        """Geometries of the reference measurement, shape (azimuth,)."""
+        alike = np.ones(len(self.reference_azimuth))
+        return {
+            "illumination_zenith": self.reference_illumination * alike,
+            "illumination_azimuth": 0.0 * alike,
+            "sensor_zenith": self.reference_zenith * alike,
+            "sensor_azimuth": self.reference_azimuth,
+        }
 
     def __len__(self) -> int:
         return len(self.signal_per_brf)
@@ -82,6 +96,7 @@ def acquisition_of(observation: Observation, facility: Facility) -> Acquisition:
         observation.gain,
         gain,
         None if volts is None or gain is None else volts / gain,
+        reference.illumination_zenith,
     )
 
 

@@ -117,11 +117,12 @@ def _check_outputs(json: Path | None, files: Sequence[Path | None], plans: Path 
 
 def _save_twin(diagnosis: Diagnosis, file: Path) -> None:
     from twin.corrections import write_corrections
-    from twin.diagnosis.outcome import corrections_of
+    from twin.diagnosis.outcome import corrections_of, withheld
 
     found = corrections_of(diagnosis)
     write_corrections(found, file)
-    named = ", ".join(one.effect for one in found.effects) or "no effect, as none is named"
+    nothing = "no effect, as its correction is withheld" if withheld(diagnosis) else "no effect, as none is named"
+    named = ", ".join(one.effect for one in found.effects) or nothing
     typer.echo(f"written: {file} ({named})")
 
 

@@ -33,7 +33,7 @@ class Diagnosis:
     consistency, where, decision, gap
         The answers.
     correction, shape (point,)
-        Logarithm of the corrected prediction over the nominal one.
+        Logarithm of the corrected prediction over the nominal one; 0 where the correction is withheld.
     proposals
         Scans that would tell apart what the run cannot.
     """
@@ -66,7 +66,8 @@ def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
     tell("where", 0.9)
     where = regions(problem.run, _located(prepared, decision, leading, weights))
     gap = measure_gap(problem, leading, folds)
-    found = Diagnosis(prepared, posterior, consistency, tuple(where), decision, gap, leading.table)
+    correction = leading.table if gap.withheld is None else none.table
+    found = Diagnosis(prepared, posterior, consistency, tuple(where), decision, gap, correction)
     if prepared.facility is not None:
         tell("the next scan", 0.95)
         found = replace(found, proposals=tuple(proposals(found, prepared.facility)))

@@ -16,6 +16,7 @@ from twin.corrections import Correction, Corrections
 from twin.diagnosis.diagnose import Diagnosis
 from twin.diagnosis.effects import Parameter
 from twin.diagnosis.followup import unresolved
+from twin.diagnosis.gap import Gap
 from twin.diagnosis.unknown import RESPONSE_ERROR
 from twin.diagnosis.verdict import Named
 from twin.rounding import chance_of, with_u
@@ -52,7 +53,8 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "plain_shrink": gap.plain_shrink,
             "removable": gap.removable,
             "heldout_gain_nats": gap.gain,
-        },
+        }
+        | ({"heldout_rms_withheld": gap.withheld} if withheld(diagnosis) else {}),
         "next_scan": next_scans(diagnosis),
         "advice": advice(diagnosis),
         "made_with": made_with(diagnosis),
@@ -149,10 +151,15 @@ def _pairs(pairs: Sequence[Sequence[str]]) -> str:
     return ", ".join(" from ".join(pair) for pair in pairs)
 
 
+def withheld(diagnosis: Diagnosis) -> bool:
+    """Whether effects are named whose correction would make the held-out slices differ more."""
+    return diagnosis.gap.withheld is not None and bool(diagnosis.decision.named)
+
+
 def corrections_of(diagnosis: Diagnosis) -> Corrections:
-    """The named effects as a corrections file has them; empty where none is named."""
+    """The named effects as a corrections file has them; empty where none is named, or the correction is withheld."""
     effects = []
-    for named in diagnosis.decision.named:
+    for named in () if withheld(diagnosis) else diagnosis.decision.named:
         found = parameters(diagnosis, named)
         values = {name: entry["value"] for name, entry in found.items()}
         effects.append(
@@ -214,12 +221,24 @@ def verdict_in_words(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
+def withheld_in_words(gap: Gap) -> str:
+    """Why a correction is not offered."""
+    assert gap.withheld is not None
+    return (
+        f"No correction: held-out slices differ by {100 * gap.heldout_before:.2f} % as they are and by"
+        f" {100 * gap.withheld:.2f} % once corrected, as errors that many points share outweigh the effect. The effect"
+        " and its parameters stand."
+    )
+
+
 def in_words(diagnosis: Diagnosis) -> Sequence[str]:
     """What was found, one sentence each."""
     decision, gap = diagnosis.decision, diagnosis.gap
     lines = verdict_in_words(diagnosis)
     lines += [f"{region.description} ({region.strength:.1f} u)." for region in diagnosis.where]
-    if decision.verdict != "none":
+    if withheld(diagnosis):
+        lines.append(withheld_in_words(gap))
+    elif decision.verdict != "none":
         lines += [
             (
                 f"Held-out slices: relative difference {100 * gap.heldout_before:.2f} % before,"

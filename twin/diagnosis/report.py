@@ -11,7 +11,7 @@ from instrument.output import write_result
 from twin import html_page
 from twin.diagnosis import parity_only
 from twin.diagnosis.diagnose import Diagnosis
-from twin.diagnosis.outcome import advice, made_with, parameters, verdict_in_words
+from twin.diagnosis.outcome import advice, made_with, parameters, verdict_in_words, withheld, withheld_in_words
 from twin.diagnosis.parity import Parity
 from twin.diagnosis.posterior import PRIOR
 from twin.diagnosis.report_figures import (
@@ -248,6 +248,8 @@ def _shrink(diagnosis: Diagnosis) -> list[str]:
             f" {100 * gap.after:.2f} %."
         ),
     ]
+    if withheld(diagnosis):
+        lines.insert(0, withheld_in_words(gap))
     chosen = [" and ".join(names) or "nothing" for names in gap.chosen]
     if chosen:
         lines.append(f"Chosen without each group of slices: {'; '.join(chosen)}.")

@@ -105,6 +105,11 @@ class Score:
         Probability of the most probable answer (none, unknown, or the first class), and whether it is right.
     local
         Whether the gap is larger than the uncertainty at less than half of the points.
+    withheld
+        Whether effects were named and their correction was not offered.
+    left
+        What an offered correction leaves of the true change, as a ratio of root mean squares; above 1 it goes farther
+        from the truth. None where nothing is corrected, or the truth is not known.
     """
 
     name: str
@@ -123,6 +128,8 @@ class Score:
     stated: float = 0.0
     stated_right: bool = False
     local: bool = False
+    withheld: bool = False
+    left: float | None = None
 
 
 def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | None = None) -> Score:
@@ -161,6 +168,8 @@ def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | 
         stated,
         stated_right,
         run is not None and 0 < len(truth.where) < len(run) / 2,
+        "heldout_rms_withheld" in found["gap"],
+        _left(truth, found.get("correction", {})),
     )
 
 
@@ -183,6 +192,16 @@ def _allowed(truth: Truth, gap: Mapping[str, Any], run: Observation) -> float:
     after = float(np.sqrt(np.mean((np.array(truth.brf)[run.rows] / run.brf - 1) ** 2)))
     left = (1 - gap["removable"]) * gap["heldout_rms_before"]
     return shrink_of(gap["rms_before"], after, left**2)
+
+
+def _left(truth: Truth, correction: Mapping[str, Any]) -> float | None:
+    """Root mean square of the true change less the correction, over that of the true change itself; both relative."""
+    points, found = list(correction.get("points", ())), np.array(correction.get("relative", ()))
+    if not truth.gap or not np.any(found):
+        return None
+    true = np.array(truth.gap)[points]
+    was = float(np.sqrt(np.mean(true**2)))
+    return float(np.sqrt(np.mean((true - found) ** 2))) / was if was > 0 else float("inf")
 
 
 def _covered(true: Mapping[str, Mapping[str, float]], named: Sequence[Mapping[str, Any]]) -> tuple[bool, ...]:
@@ -275,6 +294,12 @@ def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
         ],
         "corrections that make the held-out gap larger": [
             Row("all", *_count([s.shrink < 0 for s in scores if s.verdict == "effects"])),
+        ],
+        "corrections withheld, as they would": [
+            Row("all", *_count([s.withheld for s in scores if s.verdict == "effects"])),
+        ],
+        "corrections that lie farther from the true change than none": [
+            Row("all", *_count([s.left > 1 for s in scores if s.verdict == "effects" and s.left is not None])),
         ],
     }
 

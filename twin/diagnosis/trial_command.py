@@ -120,7 +120,9 @@ def _diagnose(
 
 
 def diagnose_file(run: Path, common: Path, out: Path, cache: Path | None) -> None:
-    """Diagnose one run and write the result beside the others."""
+    """Diagnose one run and write the result beside the others, with what its correction changes."""
+    import numpy as np
+
     from instrument.output import write_json
     from twin.content import cache_folder
     from twin.diagnosis.diagnose import diagnose
@@ -130,7 +132,9 @@ def diagnose_file(run: Path, common: Path, out: Path, cache: Path | None) -> Non
 
     inputs = Inputs(common / "facility.toml", common / "artifact.toml", common / "material.nc")
     prepared = Bench(inputs, cache or cache_folder()).prepare(read_observation(run))
-    write_json(out / f"{run.stem}.json", to_dict(diagnose(prepared)))
+    found = diagnose(prepared)
+    correction = {"points": prepared.problem.run.rows.tolist(), "relative": np.expm1(found.correction).tolist()}
+    write_json(out / f"{run.stem}.json", {**to_dict(found), "correction": correction})
 
 
 def _open_labels(out: Path, labels: Path | None) -> dict[str, Truth]:

@@ -189,7 +189,12 @@ def _gap(found: DiagnosisFile) -> list[Block]:
             f" added; over all points {100 * gap.rms_before:.2f} % and {100 * gap.rms_after:.2f} %."
         ),
     ]
-    if found.verdict != "none":
+    if gap.heldout_rms_withheld is not None:
+        lines.append(
+            f"No correction is offered: with that for what was found they would differ by"
+            f" {100 * gap.heldout_rms_withheld:.2f} %."
+        )
+    elif found.verdict != "none":
         lines.append(
             f"Without noise and budget the gap shrinks by {100 * gap.shrink:.0f} % (expected before looking:"
             f" {100 * low:.0f} to {100 * high:.0f} %); noise and budget let {100 * gap.removable:.0f} % of the whole go"

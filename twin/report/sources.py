@@ -54,6 +54,7 @@ class _Gap(BaseModel):
     rms_after: float
     heldout_rms_before: float
     heldout_rms_after: float
+    heldout_rms_withheld: float | None = None
     shrink: float
     shrink_interval: tuple[float, float]
     removable: float

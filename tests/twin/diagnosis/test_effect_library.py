@@ -165,8 +165,19 @@ def test_polarization_cancels_over_the_azimuths_of_the_reference():
 
 
 def test_anisotropy_along_x_equals_polarization_and_turns_with_its_axis():
-    np.testing.assert_allclose(read("anisotropy", 0.1, 0.0, 2.0), read("polarization", 0.1, 2.0))
-    np.testing.assert_allclose(read("anisotropy", 0.1, 90.0, 2.0), read("polarization", -0.1, 2.0))
+    # Without the part of the light's direction, and without the reference that a detector reads as well.
+    np.testing.assert_allclose(read("anisotropy", 0.1, 0.0, 2.0, 0.0), read("polarization", 0.1, 2.0))
+    np.testing.assert_allclose(read("anisotropy", 0.1, 90.0, 2.0, 0.0), read("polarization", -0.1, 2.0))
+
+
+def test_anisotropy_is_the_same_with_light_and_view_exchanged():
+    zenith = np.array([10.0, 40.0, 70.0])
+    forth = acquisition(columns=columns(np.full(3, 30.0), zenith, 60.0), signal_per_brf=np.ones(3))
+    back = columns(zenith, np.full(3, 30.0), 0.0) | {"illumination_azimuth": np.full(3, 60.0)}
+    exchanged = acquisition(columns=back, signal_per_brf=np.ones(3))
+    one, other = (read("anisotropy", 0.1, 25.0, 2.0, 1.0, run=run) for run in (forth, exchanged))
+    assert np.ptp(one) > 0.01
+    np.testing.assert_allclose(one, other, rtol=1e-12)
 
 
 def test_polarization_of_refracted_light_is_steeper_than_the_square_of_the_sine():
@@ -175,13 +186,32 @@ def test_polarization_of_refracted_light_is_steeper_than_the_square_of_the_sine(
 
 
 def test_arm_shadow_fades_away_from_retroreflection():
-    run = acquisition(columns=columns(30.0, np.array([25.0, 20.0, 15.0, 0.0, -30.0]), 0.0), signal_per_brf=np.ones(5))
+    # The reference is read 60 degrees from the light, where nothing is lost.
+    where = columns(30.0, np.array([25.0, 20.0, 15.0, 0.0, -30.0]), 0.0)
+    run = acquisition(columns=where, signal_per_brf=np.ones(5), reference_zenith=60.0)
     lost = 1 - read("arm_shadow", 0.2, 8.0, brf=1.0, run=run)
     assert lost[0] == pytest.approx(0.2)
     assert np.all(np.diff(lost) < 0)
     assert lost[2] < 0.2 * 0.06
     wide = 1 - read("arm_shadow", 0.2, 14.0, brf=1.0, run=run)
     assert wide[2] == pytest.approx(0.2 * np.exp(-(15.0**2 - 5.0**2) / 14.0**2))
+
+
+def test_arm_shadow_on_the_reference_raises_all_points():
+    # View 15 degrees from the light at every azimuth of the reference: the same share is lost there and here.
+    lost = 0.2 * np.exp(-(15.0**2 - 5.0**2) / 14.0**2)
+    where = columns(30.0, np.array([15.0, 45.0, -60.0]), 0.0)
+    run = acquisition(columns=where, signal_per_brf=np.ones(3), reference_zenith=15.0)
+    np.testing.assert_allclose(
+        read("arm_shadow", 0.2, 14.0, brf=0.5, run=run), [0.5, 0.5, 0.5 / (1 - lost)], rtol=1e-12
+    )
+    # Light from 30 degrees: the reference is read farther from it at azimuths other than 0.
+    oblique = acquisition(
+        columns=where, signal_per_brf=np.ones(3), reference_zenith=15.0, reference_azimuth=np.array([0.0, 180.0]),
+        reference_illumination=30.0,
+    )  # fmt: skip
+    there = (1 - lost) / 2 + (1 - 0.2 * np.exp(-(45.0**2 - 5.0**2) / 14.0**2)) / 2
+    assert read("arm_shadow", 0.2, 14.0, brf=0.5, run=oblique)[2] == pytest.approx(0.5 / there)
 
 
 def test_backlash_follows_the_direction_of_travel():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -152,6 +153,26 @@ def test_sound_run_is_left_as_it_is():
     assert found.heldout_after == pytest.approx(found.heldout_before)
     assert found.gain == pytest.approx(0.0)
     assert found.interval == (0.0, 0.0)
+
+
+def test_correction_that_makes_unseen_slices_differ_more_is_withheld():
+    here = with_change(known(), errors(COLUMNS, KINDS[0], seed=5) + change_by("stray", 3.0))
+    away = [replace(fold, table=-fold.table) for fold in held_out(here)]
+    found = measure_gap(here, fitted(here, "stray"), away)
+    brf, table = here.run.brf, np.zeros(len(RUN))
+    for fold in away:
+        table[fold.rows] = fold.table
+    worse = np.sqrt(np.mean(((here.nominal * np.exp(table) - brf) / brf) ** 2))
+    assert worse > found.before
+    assert found.withheld == pytest.approx(worse)
+    assert found.after == found.heldout_after == found.before
+    assert (found.shrink, found.plain_shrink) == (0.0, 0.0)
+    assert found.interval == (0.0, 0.0)
+
+
+def test_correction_that_helps_is_offered():
+    here = with_change(known(), errors(COLUMNS, KINDS[0], seed=5) + change_by("stray", 3.0))
+    assert measure_gap(here, fitted(here, "stray"), held_out(here)).withheld is None
 
 
 def test_interval_is_the_same_for_the_same_seed_and_lies_in_order():

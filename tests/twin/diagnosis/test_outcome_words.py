@@ -8,7 +8,7 @@ import pytest
 
 from twin.diagnosis.effects import effect
 from twin.diagnosis.joint import dimmed
-from twin.diagnosis.outcome import parameters
+from twin.diagnosis.outcome import corrections_of, in_words, parameters
 from twin.rounding import chance_of, with_u
 
 
@@ -63,3 +63,31 @@ def test_parameters_are_as_uncertain_as_the_law_they_assume(
     named = SimpleNamespace(effect=name, values=values, u=(0.0,) * len(values))
     found = parameters(diagnosis, named)  # type: ignore[arg-type]
     assert {key: entry["u"] for key, entry in found.items()} == pytest.approx(said)
+
+
+@pytest.mark.parametrize(("withheld", "effects", "said"), [(None, 1, "32 % less"), (0.031, 0, "3.10 % once corrected")])
+def test_effect_whose_correction_is_withheld_is_named_and_not_corrected_for(
+    withheld: float | None, effects: int, said: str
+):
+    one = effect("dark_offset")
+    response = SimpleNamespace(effect=one, parameters=one.parameters)
+    named = SimpleNamespace(
+        effect="dark_offset", members=("dark_offset",), probability=0.99, values=(0.01,), u=(0.001,)
+    )
+    gap = SimpleNamespace(
+        heldout_before=0.025, heldout_after=0.017, plain_shrink=0.32, removable=0.4, shrink=0.9,
+        interval=(0.7, 1.0), withheld=withheld,
+    )  # fmt: skip
+    diagnosis = SimpleNamespace(
+        prepared=SimpleNamespace(
+            responses=SimpleNamespace(found={"dark_offset": response}),
+            problem=SimpleNamespace(run=SimpleNamespace(name="run.nc")),
+        ),
+        decision=SimpleNamespace(verdict="effects", named=(named,), ranking=(named,)),
+        posterior=SimpleNamespace(hypotheses=(), probability=()),
+        where=(), gap=gap, proposals=(),
+    )  # fmt: skip
+    assert len(corrections_of(diagnosis).effects) == effects  # type: ignore[arg-type]
+    text = " ".join(in_words(diagnosis))  # type: ignore[arg-type]
+    assert "dark_offset" in text
+    assert said in text

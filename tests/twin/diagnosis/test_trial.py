@@ -61,6 +61,32 @@ def test_regions_overlap_by_intersection_over_union():
     assert score("case", truth(), found("none")).overlap is None
 
 
+@pytest.mark.parametrize(
+    ("relative", "left"),
+    [
+        # Of a change of 0.03, -0.04 half is taken away, all, none, and the same in the wrong direction.
+        ((0.015, -0.02), 0.5),
+        ((0.03, -0.04), 0.0),
+        ((0.0, 0.0), None),
+        ((-0.03, 0.04), 2.0),
+    ],
+)
+def test_correction_is_held_against_the_true_change(relative: tuple[float, float], left: float | None):
+    label = Truth(("tilt",), False, 2.0, "slice", (), gap=(0.03, 0.5, -0.04))
+    diagnosis = found("effects", ("tilt",)) | {"correction": {"points": [0, 2], "relative": list(relative)}}
+    one = score("case", label, diagnosis)
+    assert one.left == pytest.approx(left)
+    row = summary([one])["corrections that lie farther from the true change than none"][0]
+    assert (row.successes, row.trials) == ((left or 0) > 1, left is not None)
+
+
+def test_corrections_that_were_withheld_are_counted():
+    kept, offered = found("effects", ("tilt",)), found("effects", ("tilt",))
+    kept["gap"] = {"shrink": 0.0, "heldout_rms_withheld": 0.03}
+    row = summary([score("case", truth("tilt"), one) for one in (kept, offered)])["corrections withheld, as they would"]
+    assert (row[0].successes, row[0].trials) == (1, 2)
+
+
 def test_intervals_are_those_of_clopper_and_pearson():
     # No success in n: the upper end is 1 - (0.025)^(1/n).
     assert interval(0, 30) == (0.0, pytest.approx(1 - 0.025 ** (1 / 30)))

@@ -77,7 +77,7 @@ def test_points_in_the_output_are_those_of_the_file():
     consistency = SimpleNamespace(consistent=False, p_value=0.0, dark_uncertainty=0.0, chi_square=1.0)
     gap = SimpleNamespace(
         before=0.0, after=0.0, heldout_before=0.0, heldout_after=0.0, shrink=0.0, interval=(0.0, 0.0), removable=0.0,
-        plain_shrink=0.0, gain=0.0,
+        plain_shrink=0.0, gain=0.0, withheld=None,
     )  # fmt: skip
     diagnosis = SimpleNamespace(
         prepared=SimpleNamespace(

@@ -117,7 +117,8 @@ class ArmShadow(ReadingEffect):
     """Share of the light lost at the edge of the shadow cone, fading within about 15 degrees.
 
     fraction * exp(-(angle^2 - edge^2)/width^2), angle that between illumination and view: the penumbra of the detector
-    head. It fades the faster, the smaller the source's image is against the head.
+    head. It fades the faster, the smaller the source's image is against the head. The reference reading loses its
+    share as well, which raises all points.
     """
 
     name = "arm_shadow"
@@ -132,10 +133,14 @@ class ArmShadow(ReadingEffect):
     _EDGE_DEG = 5.0
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        angle = phase_angle_deg(run.columns)
         fraction, width = values[..., :1], values[..., 1:]
-        lost = np.exp(-np.maximum(angle**2 - self._EDGE_DEG**2, 0.0) / width**2)
-        return np.asarray(brf * (1 - fraction * lost))
+        here = self._lost(phase_angle_deg(run.columns), width)
+        there = np.mean(self._lost(phase_angle_deg(run.reference_columns), width), axis=-1, keepdims=True)
+        return np.asarray(brf * (1 - fraction * here) / (1 - fraction * there))
+
+    def _lost(self, angle: FloatArray, width: FloatArray) -> FloatArray:
+        """Share of the fraction, shape (..., point) for widths of shape (..., 1)."""
+        return np.asarray(np.exp(-np.maximum(angle**2 - self._EDGE_DEG**2, 0.0) / width**2))
 
     def not_applicable(self, known: Known) -> str:
         return "nothing shades the beam" if known.facility.arms.shadow_half_angle == 0 else ""

@@ -155,8 +155,8 @@ class Anisotropy(ReadingEffect):
     unless the run says more: the lowest harmonic that is smooth where the view along the normal has no azimuth. Grooves
     show as well near the normal as at grazing views (q below 2), shadows between them at grazing views alone.
 
-    By reciprocity the light's direction counts as the view's does. As long as the sample lies still that is a scale of
-    each illumination; where it is turned, what this part changes by is added.
+    By reciprocity the light's direction counts as the view's does: while the sample lies still that is a scale of each
+    illumination. What holes and a second reflection leave of it, and laws without it, are covered by ``light_share``.
     """
 
     name = "anisotropy"
@@ -165,20 +165,18 @@ class Anisotropy(ReadingEffect):
         Parameter("amplitude", "1", 0.04, (0.0, 0.5)),
         Parameter("axis_deg", "degree", 45.0, (0.0, 180.0), shape=True),
         Parameter("power", "1", 1.0, (0.5, 4.0), nominal=2.0, shape=True),
+        Parameter("light_share", "1", 0.5, (0.0, 1.0), nominal=1.0, shape=True),
     )
-    shapes = 5
+    shapes = 4
     confused_with = ("polarization",)
     separated_by = "the same scan with the sample turned by 90 degrees"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
         columns, turned = run.columns, rotation(run.columns)
-        amplitude, axis, power = values[..., :1], values[..., 1:2], values[..., 2:]
+        amplitude, axis, power, share = (values[..., k : k + 1] for k in range(4))
 
-        def along(side: str, angle: FloatArray) -> FloatArray:
+        def along(side: str) -> FloatArray:
             sine = np.abs(np.sin(np.deg2rad(columns[f"{side}_zenith"])))
-            return np.asarray(np.cos(2 * np.deg2rad(columns[f"{side}_azimuth"] - angle - axis)) * sine**power)
+            return np.asarray(np.cos(2 * np.deg2rad(columns[f"{side}_azimuth"] - turned - axis)) * sine**power)
 
-        modulation = along("sensor", turned)
-        if np.any(turned):
-            modulation = modulation + along("illumination", turned) - along("illumination", np.zeros(len(turned)))
-        return np.asarray(brf * (1 + amplitude * modulation))
+        return np.asarray(brf * (1 + amplitude * (along("sensor") + share * along("illumination"))))
