@@ -18,12 +18,11 @@ pytestmark = [
     pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed; .ci/run installs it where it can"),
 ]
 HERE = Path(__file__).parent
-#: A whole scan with pause and diagnosis; fault, abort and recovery; the window killed and re-joined; the emergency stop
-#: under an open question; the layout of last time.
+#: A whole scan with pause and diagnosis; fault, abort and recovery; the emergency stop under an open question; the
+#: layout of last time.
 CHOSEN = (
     "test_live_window.py::test_a_scan_is_started_paused_diagnosed_resumed_and_finished",
     "test_live_window.py::test_a_fault_is_shown_the_scan_aborted_and_gone_on_with_from_the_start_page",
-    "test_live_window.py::test_a_scan_outlives_the_screen_and_a_new_window_joins_it",
     "test_window.py::test_abort_asks_first_and_halt_does_not",
     "test_window_looks.py::test_layout_and_palette_are_remembered",
 )
