@@ -112,7 +112,10 @@ def _check_outputs(json: Path | None, files: Sequence[Path | None], plans: Path 
         if file is not None:
             check_new(file, force)
     if plans is not None:
+        from twin.diagnosis.followup import check_plans
+
         check_new_folder(plans, force)
+        check_plans(plans)
 
 
 def _save_twin(diagnosis: Diagnosis, file: Path) -> None:

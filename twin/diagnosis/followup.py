@@ -38,6 +38,8 @@ _SLICES, _TRIED = 3, 6
 #: Probability of a second effect from which the first is to be told, where nothing is named.
 _RIVAL = 0.05
 _SECONDS_AN_HOUR = 3600.0
+#: How a plan of a diagnosis begins.
+_HEADING = "# Expected information"
 _DIMMED_REMARK = (
     "Source at a quarter of its power, or a filter of density 0.6 in the beam, for the reference and for all points."
 )
@@ -165,23 +167,45 @@ def _proposal(scan: Scan, worth: Worth, leading: Sequence[Explanation], duration
 
 
 def write_plans(found: Sequence[Proposal], folder: Path) -> list[Path]:
-    """Write the plans as ``plan-1.toml`` and so on, the best first; the folder is made, earlier plans there go."""
+    """Write the plans as ``plan-1.toml`` and so on, the best first; the folder is made, those of a diagnosis there go.
+
+    Raises
+    ------
+    InputError
+        As :func:`check_plans`; nothing is written then.
+    """
+    check_plans(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for number, proposal in enumerate(found, start=1):
-        path = folder / f"plan-{number}.toml"
+    paths = [folder / f"plan-{number}.toml" for number in range(1, len(found) + 1)]
+    for path, proposal in zip(paths, found, strict=True):
         write_result(path, (_heading(proposal) + proposal.plan).encode())
-        paths.append(path)
-    for earlier in folder.glob("plan-*.toml"):
+    for earlier in _numbered(folder):
         # A plan of another diagnosis would be taken for the next best of this one.
-        if earlier not in paths and earlier.stem.removeprefix("plan-").isdigit():
+        if earlier not in paths:
             earlier.unlink()
     return paths
 
 
+def check_plans(folder: Path) -> None:
+    """Refuse a folder in which a plan that no diagnosis wrote bears the name of one, before any work.
+
+    Raises
+    ------
+    InputError
+        Naming the file.
+    """
+    for plan in _numbered(folder):
+        if not plan.read_bytes().startswith(_HEADING.encode()):
+            raise InputError(f"{plan}: is no plan of a diagnosis; expected another folder, or another name for it")
+
+
+def _numbered(folder: Path) -> list[Path]:
+    return [plan for plan in sorted(folder.glob("plan-*.toml")) if plan.stem.removeprefix("plan-").isdigit()]
+
+
 def _heading(proposal: Proposal) -> str:
     return (
-        f"# Expected information {proposal.information_nats:.2f} nats in {proposal.duration_s / 60:.0f} min"
+        f"{_HEADING} {proposal.information_nats:.2f} nats in {proposal.duration_s / 60:.0f} min"
         f" ({proposal.rate:.2f} nats an hour).\n"
     )
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import quad
 from synthetic_runs import Formula, Parameter, grid, nominal, observed
 
+from instrument.errors import InputError
 from instrument.facility import Facility, read_facility
 from instrument.forms import parse_form, parse_toml
 from instrument.plan import PlanForm, make_plan
@@ -169,9 +170,17 @@ def test_explanations_by_effects_that_a_stage_does_not_know_are_left_out():
 
 def test_plans_of_an_earlier_diagnosis_do_not_stay_among_those_of_a_later_one(tmp_path):
     for name in ("plan-1.toml", "plan-12.toml", "plan-mine.toml", "notes.txt"):
-        (tmp_path / name).write_text("earlier")
+        (tmp_path / name).write_text("# Expected information 0.50 nats in 7 min (4.29 nats an hour).\n")
     assert write_plans([], tmp_path) == []
     assert {path.name for path in tmp_path.iterdir()} == {"plan-mine.toml", "notes.txt"}
+
+
+def test_a_plan_of_a_person_is_neither_replaced_nor_taken_away(tmp_path):
+    mine = tmp_path / "plan-2.toml"
+    mine.write_text("version = 1\n")
+    with pytest.raises(InputError, match=r"plan-2\.toml: is no plan of a diagnosis; expected another folder"):
+        write_plans([], tmp_path)
+    assert mine.read_text() == "version = 1\n"
 
 
 def test_nothing_is_proposed_where_one_explanation_is_left():
