@@ -107,9 +107,14 @@ class Score:
         Whether the gap is larger than the uncertainty at less than half of the points.
     withheld
         Whether effects were named and their correction was not offered.
+    claims
+        Of each effect that was named with a probability above :data:`CONFIDENT`: whether one of its class is there.
     left
-        What an offered correction leaves of the true change, as a ratio of root mean squares; above 1 it goes farther
-        from the truth. None where nothing is corrected, or the truth is not known.
+        What an offered correction leaves of the true change, as a ratio of root mean squares. None where nothing is
+        corrected, nothing is to be corrected, or the truth is not known.
+    farther
+        Whether an offered correction lies farther from the true change than none; None where nothing is corrected or
+        the truth is not known.
     """
 
     name: str
@@ -129,7 +134,9 @@ class Score:
     stated_right: bool = False
     local: bool = False
     withheld: bool = False
+    claims: tuple[bool, ...] = ()
     left: float | None = None
+    farther: bool | None = None
 
 
 def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | None = None) -> Score:
@@ -149,6 +156,8 @@ def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | 
     else:
         right = {"none": verdict == "none", "single": first, "outside": verdict == "unknown"}[truth.kind]
     probability = float(named[0]["probability"]) if named else 0.0
+    true = set() if truth.outside else set(truth.effects)
+    left, farther = _left(truth, found.get("correction", {}))
     located = {point for region in found["where"] for point in region["points"]}
     stated, stated_right = _statement(truth, found)
     return Score(
@@ -169,7 +178,9 @@ def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | 
         stated_right,
         run is not None and 0 < len(truth.where) < len(run) / 2,
         "heldout_rms_withheld" in found["gap"],
-        _left(truth, found.get("correction", {})),
+        tuple(bool(set(entry["class"]) & true) for entry in named if entry["probability"] > CONFIDENT),
+        left,
+        farther,
     )
 
 
@@ -194,14 +205,14 @@ def _allowed(truth: Truth, gap: Mapping[str, Any], run: Observation) -> float:
     return shrink_of(gap["rms_before"], after, left**2)
 
 
-def _left(truth: Truth, correction: Mapping[str, Any]) -> float | None:
-    """Root mean square of the true change less the correction, over that of the true change itself; both relative."""
+def _left(truth: Truth, correction: Mapping[str, Any]) -> tuple[float | None, bool | None]:
+    """Share of the true change that a correction leaves, and whether it leaves more than there was; both relative."""
     points, found = list(correction.get("points", ())), np.array(correction.get("relative", ()))
     if not truth.gap or not np.any(found):
-        return None
+        return None, None
     true = np.array(truth.gap)[points]
-    was = float(np.sqrt(np.mean(true**2)))
-    return float(np.sqrt(np.mean((true - found) ** 2))) / was if was > 0 else float("inf")
+    was, is_left = (float(np.sqrt(np.mean(change**2))) for change in (true, true - found))
+    return (is_left / was if was > 0 else None), is_left > was
 
 
 def _covered(true: Mapping[str, Mapping[str, float]], named: Sequence[Mapping[str, Any]]) -> tuple[bool, ...]:
@@ -285,7 +296,10 @@ def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
         "two effects: one of them first": [
             Row("all", *_count([s.first for s in scores if s.truth.kind == "double"])),
         ],
-        "confident claims right": [Row(f"above {CONFIDENT:g}", *_count([s.right for s in claims]))],
+        "confident claims right": [
+            Row(f"effects named above {CONFIDENT:g}", *_count([claim for s in claims for claim in s.claims])),
+            Row("whole answers, the first above it", *_count([s.right for s in claims])),
+        ],
         "95 % intervals of parameters that hold the truth": [
             Row("all", *_count([hit for s in scores for hit in s.covered])),
         ],
@@ -299,7 +313,7 @@ def summary(scores: Sequence[Score]) -> dict[str, list[Row]]:
             Row("all", *_count([s.withheld for s in scores if s.verdict == "effects"])),
         ],
         "corrections that lie farther from the true change than none": [
-            Row("all", *_count([s.left > 1 for s in scores if s.verdict == "effects" and s.left is not None])),
+            Row("all", *_count([s.farther for s in scores if s.verdict == "effects" and s.farther is not None])),
         ],
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -80,6 +81,30 @@ def test_correction_is_held_against_the_true_change(relative: tuple[float, float
     assert (row.successes, row.trials) == ((left or 0) > 1, left is not None)
 
 
+def test_any_correction_of_a_sound_run_goes_away_from_the_truth():
+    label = Truth((), False, 0.0, "slice", (), gap=(0.0, 0.0))
+    one = score(
+        "case", label, found("effects", ("tilt",)) | {"correction": {"points": [0, 1], "relative": [0.01, 0.0]}}
+    )
+    assert (one.left, one.farther) == (None, True)
+    json.dumps(asdict(one), allow_nan=False)
+
+
+def test_claims_are_counted_effect_by_effect():
+    label = truth("tilt", "drift")
+    rows = summary(
+        [
+            score("half", label, found("effects", ("tilt",))),
+            score("both", label, found("effects", ("drift",), ("tilt",))),
+            score("one wrong", label, found("effects", ("tilt",), ("stain",))),
+            score("unsure", label, found("effects", ("stain",), probability=0.8)),
+        ]
+    )["confident claims right"]
+    assert [(row.successes, row.trials) for row in rows] == [(4, 5), (1, 3)]
+    outside = score("outside", truth("tilt", outside=True), found("effects", ("tilt",)))
+    assert outside.claims == (False,)
+
+
 def test_corrections_that_were_withheld_are_counted():
     kept, offered = found("effects", ("tilt",)), found("effects", ("tilt",))
     kept["gap"] = {"shrink": 0.0, "heldout_rms_withheld": 0.03}
@@ -110,7 +135,10 @@ def test_tables_count_by_kind_severity_and_noise():
     ]  # fmt: skip
     bands = {row.label: (row.successes, row.trials) for row in tables["one effect: class right, by severity"]}
     assert bands == {"below 0.75": (0, 0), "0.75 to 1.5": (1, 1), "1.5 to 3": (0, 1), "above 3": (0, 0)}
-    assert tables["confident claims right"] == [Row("above 0.9", 1, 3)]
+    assert tables["confident claims right"] == [
+        Row("effects named above 0.9", 1, 3),
+        Row("whole answers, the first above it", 1, 3),
+    ]
     assert tables["outside the library: wrongly confident"] == [Row("all", 1, 1)]
 
 
