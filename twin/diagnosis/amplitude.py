@@ -79,6 +79,11 @@ class Signature(Protocol):
         """Values of every parameter of shape from which fits start."""
         ...
 
+    @property
+    def form_error(self) -> float:
+        """Relative error of the response where its law is only one of several."""
+        ...
+
     def log_ratio(self, values: FloatArray) -> FloatArray:
         """Logarithm of the reading with the effect over that without, shape (value, point); values (value, p)."""
         ...
@@ -234,6 +239,11 @@ class AtRows:
     def shapes(self) -> int:
         """Of the effect."""
         return self.of.shapes
+
+    @property
+    def form_error(self) -> float:
+        """Of the effect."""
+        return self.of.form_error
 
     def log_ratio(self, values: FloatArray) -> FloatArray:
         """As of the effect, shape (value, row)."""

@@ -56,6 +56,11 @@ class Component:
         """Whether the effect may be named; another stands for an unknown cause."""
         return self.signature.catalogued
 
+    @property
+    def form_error(self) -> float:
+        """Relative error of the response where its law is only one of several; 0 where the usual one holds."""
+        return self.signature.form_error
+
     def row(self, value: FloatArray) -> FloatArray:
         """Logarithmic ratio at one value, shape (point,)."""
         return np.asarray(self.signature.log_ratio(value[None])[0])

@@ -77,6 +77,11 @@ class JointResponse:
         return int(self.parts[0].shapes)
 
     @property
+    def form_error(self) -> float:
+        """Of the effect."""
+        return float(self.parts[0].form_error)
+
+    @property
     def parameters(self) -> tuple[Any, ...]:
         """Shared ones, or those of every run, named after it."""
         if not self.own:

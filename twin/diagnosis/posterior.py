@@ -109,22 +109,26 @@ def weigh(
         fit = fit_single(component, residual, members)
         if fit is not None:
             singles.append((component, fit))
-    smooth = gaps[0][1]
-    singles = _checked(singles, lambda fit: tolerant(fit, residual, members, smooth))
+    form_errors = {component.name: component.form_error for component in components}
+
+    def checked(fit: Fit) -> Fit:
+        return tolerant(fit, residual, members, gaps, max(form_errors[name] for name in fit.names))
+
+    as_rendered = [fit for component, fit in singles if component.catalogued]
+    singles = _checked(singles, checked)
     known = {component.name for component in components if component.catalogued}
     hypotheses += [_single(component, fit, known, len(components)) for component, fit in singles]
     tell("two effects", 0.45)
     named = [(component, fit) for component, fit in singles if component.catalogued]
     inside = {component.name: np.log(max(component.nodes.inside, 1e-12)) for component, _ in named}
     couples = sorted(pairs(residual, named, members), key=lambda fit: -fit.log_evidence)
-    couples = [tolerant(fit, residual, members, smooth) for fit in couples[:_CHECKED]] + couples[_CHECKED:]
+    couples = [checked(fit) for fit in couples[:_CHECKED]] + couples[_CHECKED:]
     each = PRIOR["two"] / max(1.0, len(known) * (len(known) - 1) / 2)
     for fit in couples:
         prior = np.log(each) + sum(inside[name] for name in fit.names)
         hypotheses.append(Hypothesis(fit.names, False, prior, fit.log_evidence, fit))
     tell("an unknown cause", 0.8)
-    fits = [fit for _, fit in named]
-    for beside, evidence in smooth_evidence(residual, fits, members, gaps, relative_u, none):
+    for beside, evidence in smooth_evidence(residual, as_rendered, members, gaps, relative_u, none):
         share = SHARES["smooth"] if beside is None else SHARES["beside"] / max(1, len(known))
         names = () if beside is None else beside.names
         hypotheses.append(Hypothesis(names, True, np.log(PRIOR["unknown"] * share), evidence, beside))

@@ -54,6 +54,11 @@ class Response(Protocol):
         """Values of every parameter of shape from which fits start."""
         ...
 
+    @property
+    def form_error(self) -> float:
+        """Relative error of the response where its law is only one of several."""
+        ...
+
     def log_ratio(self, values: FloatArray) -> FloatArray:
         """Logarithm of the reading with the effect over that without, shape (n, point); values (n, parameter)."""
         ...
@@ -82,6 +87,11 @@ class Common:
     def shapes(self) -> int:
         """Of the effect."""
         return self.effect.shapes
+
+    @property
+    def form_error(self) -> float:
+        """Of the effect."""
+        return self.effect.form_error
 
     @property
     def nominal(self) -> FloatArray:

@@ -19,8 +19,10 @@ UNKNOWN_SIZES = (1.5, 3.0)
 RESPONSE_ERROR = 0.12
 #: An effect may follow another law than the library's, near at every point to that of its neighbours.
 LAW_ERROR = 0.2
-#: Shares of the gap as the twin renders it, with the response's error, and after another law.
-_TOLERANCES = (0.4, 0.4, 0.2)
+#: What an effect does besides: somewhere else than the twin says, in one of the forms of an unknown gap.
+ELSEWHERE_ERROR = 0.2
+#: Shares of the gap as the twin renders it, with the response's error, after another law, and with more elsewhere.
+_TOLERANCES = (0.35, 0.35, 0.15, 0.15)
 #: Structures of the largest prior weight under which an unknown gap is weighed.
 _BASE, _BESIDE = 8, 3
 
@@ -57,28 +59,44 @@ def smooth_evidence(
     return found
 
 
-def tolerant(fit: Fit, residual: FloatArray, members: Sequence[Normal], smooth: FloatArray) -> Fit:
+def tolerant(
+    fit: Fit,
+    residual: FloatArray,
+    members: Sequence[Normal],
+    gaps: Sequence[tuple[str, FloatArray]],
+    form_error: float = 0.0,
+) -> Fit:
     """The fit, weighed with the gap as the twin renders it, with the response's own error, and after another law.
 
     Parameters
     ----------
-    smooth, shape (point, point)
-        Correlation of another law's departure, and of half of the response's error; the other half is independent.
+    gaps
+        Correlation matrices of gaps of unknown cause, shape (point, point). The first is that of another law's
+        departure, and of half of the response's error; the other half is independent.
+    form_error
+        Relative error of the response where that of the effect's law is larger than the usual one.
     """
-    square = np.outer(fit.table, fit.table)
-    errors = (
-        RESPONSE_ERROR**2 * square * 0.5 * (smooth + np.eye(len(square))),
-        LAW_ERROR**2 * square * smooth,
-    )
+    square, smooth = np.outer(fit.table, fit.table), gaps[0][1]
+    response, law = max(RESPONSE_ERROR, form_error), max(LAW_ERROR, form_error)
+    elsewhere = ELSEWHERE_ERROR**2 * np.mean(fit.table**2)
+    errors = [
+        (_TOLERANCES[1], response**2 * square * 0.5 * (smooth + np.eye(len(square)))),
+        (_TOLERANCES[2], law**2 * square * smooth),
+        *((_TOLERANCES[3] / len(gaps), elsewhere * shape) for _, shape in gaps),
+    ]
     rest = residual - fit.table
     by, peaks = fit.by_structure.copy(), [-np.inf]
     for k in best_structures(fit, members).tolist():
         if np.isfinite(by[k]):
             exact = members[k].log_density(rest)
             peaks.append(exact + members[k].log_weight)
-            wider = [replace(members[k], covariance=members[k].covariance + error) for error in errors]
-            gains = np.array([0.0, *(member.log_density(rest) - exact for member in wider)])
-            by[k] += float(log_sum(gains + np.log(_TOLERANCES)))
+            # Under a structure that has its optimum elsewhere, its evidence is less than the density there.
+            highest = max(exact, float(by[k]))
+            weighed = [np.log(_TOLERANCES[0])]
+            for share, error in errors:
+                wider = replace(members[k], covariance=members[k].covariance + error)
+                weighed.append(np.log(share) + wider.log_density(rest) - highest)
+            by[k] += float(log_sum(np.array(weighed)))
     weighted = by + np.array([member.log_weight for member in members])
     return replace(
         fit,

@@ -101,6 +101,7 @@ class Formula:
     function: Callable[[np.ndarray], np.ndarray] = field(repr=False)
     catalogued: bool = True
     shapes: int = 6
+    form_error: float = 0.0
 
     def log_ratio(self, values: np.ndarray) -> np.ndarray:
         return self.function(np.atleast_2d(values))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -21,8 +22,11 @@ from synthetic_runs import (
 )
 
 from twin.diagnosis.covariance import correlations
+from twin.diagnosis.fit import Fit, fit_single
+from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.posterior import PRIOR, Hypothesis, normalised, weigh
 from twin.diagnosis.problem import Problem
+from twin.diagnosis.unknown import tolerant
 from twin.diagnosis.verdict import decide
 
 COLUMNS = grid({0.0: (0.0, 90.0), 15.0: (50.0, 130.0), 30.0: (0.0, 60.0)}, 10.0)
@@ -208,3 +212,40 @@ def test_progress_grows_to_the_end():
     assert told == sorted(told)
     assert told[0] == 0.0
     assert 0.5 < told[-1] <= 1.0
+
+
+def fitted_under_one_structure(change: np.ndarray) -> tuple[Problem, list[Normal], Fit]:
+    """Stray light fitted where the errors are known to be independent."""
+    here = with_change(known(), change)
+    one = [member for member in here.members if member.name == KINDS[0]]
+    assert len(one) == 1
+    fit = fit_single(here.component("stray"), here.residual, one)
+    assert fit is not None
+    return here, one, fit
+
+
+def test_a_structure_that_has_its_optimum_elsewhere_gains_nothing_from_a_tolerance():
+    """A mean over structures that fits none of them is no evidence for wider errors."""
+    here, one, fit = fitted_under_one_structure(errors(COLUMNS, KINDS[0], seed=11) + change_by("stray", 4.0))
+    off = replace(fit, table=fit.table + 0.5 * (COLUMNS["sensor_zenith"] > 0))
+    assert one[0].log_density(here.residual - off.table) < fit.by_structure[0] - 1000
+    assert tolerant(off, here.residual, one, here.gaps).log_evidence <= fit.log_evidence + 1e-6
+
+
+def test_an_effect_that_also_acts_a_little_elsewhere_wins_back_much_of_its_evidence():
+    """Of its size 15 % lie where the library has less of it: far less likely, were the library exact."""
+    change = errors(COLUMNS, KINDS[0], seed=11) + change_by("stray", 4.0)
+    wave = np.sin(np.deg2rad(4 * COLUMNS["sensor_zenith"]))
+    size = np.sqrt(np.mean(change_by("stray", 4.0) ** 2) / np.mean(wave**2))
+    _, _, exact = fitted_under_one_structure(change)
+    here, one, fit = fitted_under_one_structure(change + 0.15 * size * wave)
+    found = tolerant(fit, here.residual, one, here.gaps).log_evidence
+    assert fit.log_evidence < exact.log_evidence - 10
+    assert found > fit.log_evidence + 4
+
+
+def test_a_law_that_is_one_of_several_is_tolerated_more():
+    change = errors(COLUMNS, KINDS[0], seed=11) + 0.7 * change_by("stray", 4.0) * (COLUMNS["sensor_azimuth"] > 20)
+    here, one, fit = fitted_under_one_structure(change + 0.3 * change_by("stray", 4.0))
+    usual, law = (tolerant(fit, here.residual, one, here.gaps, error).log_evidence for error in (0.0, 0.3))
+    assert law > usual + 3
