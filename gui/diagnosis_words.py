@@ -82,7 +82,7 @@ def how_far_of(found: dict[str, Any]) -> list[str]:
             f"Slices held out: {100 * gap['heldout_rms_before']:.2f} % before,"
             f" {100 * gap['heldout_rms_after']:.2f} % after what was found is added."
         )
-    if "heldout_rms_withheld" in gap:
+    if gap.get("heldout_rms_withheld") is not None:
         lines.append(f"No correction is offered: it would leave {100 * gap['heldout_rms_withheld']:.2f} %.")
     elif gap.get("shrink_interval") and found.get("verdict") != "none":
         low, high = gap["shrink_interval"]

@@ -53,8 +53,8 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "plain_shrink": gap.plain_shrink,
             "removable": gap.removable,
             "heldout_gain_nats": gap.gain,
-        }
-        | ({"heldout_rms_withheld": gap.withheld} if withheld(diagnosis) else {}),
+            "heldout_rms_withheld": gap.withheld if withheld(diagnosis) else None,
+        },
         "next_scan": next_scans(diagnosis),
         "advice": advice(diagnosis),
         "made_with": made_with(diagnosis),

@@ -177,7 +177,7 @@ def score(name: str, truth: Truth, found: Mapping[str, Any], run: Observation | 
         stated,
         stated_right,
         run is not None and 0 < len(truth.where) < len(run) / 2,
-        "heldout_rms_withheld" in found["gap"],
+        found["gap"].get("heldout_rms_withheld") is not None,
         tuple(bool(set(entry["class"]) & true) for entry in named if entry["probability"] > CONFIDENT),
         left,
         farther,

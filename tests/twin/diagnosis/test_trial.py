@@ -108,6 +108,7 @@ def test_claims_are_counted_effect_by_effect():
 def test_corrections_that_were_withheld_are_counted():
     kept, offered = found("effects", ("tilt",)), found("effects", ("tilt",))
     kept["gap"] = {"shrink": 0.0, "heldout_rms_withheld": 0.03}
+    offered["gap"] = {"shrink": 0.5, "heldout_rms_withheld": None}
     row = summary([score("case", truth("tilt"), one) for one in (kept, offered)])["corrections withheld, as they would"]
     assert (row[0].successes, row[0].trials) == (1, 2)
 
