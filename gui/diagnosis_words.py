@@ -77,14 +77,18 @@ def how_far_of(found: dict[str, Any]) -> list[str]:
     """How far the gap shrinks."""
     gap = found.get("gap", {})
     lines = []
-    if "heldout_rms_before" in gap:
+    withheld = gap.get("heldout_rms_withheld")
+    if withheld is not None:
+        lines.append(
+            f"Slices held out: {100 * gap['heldout_rms_before']:.2f} %. No correction is offered: it would leave"
+            f" {100 * withheld:.2f} %."
+        )
+    elif "heldout_rms_before" in gap:
         lines.append(
             f"Slices held out: {100 * gap['heldout_rms_before']:.2f} % before,"
             f" {100 * gap['heldout_rms_after']:.2f} % after what was found is added."
         )
-    if gap.get("heldout_rms_withheld") is not None:
-        lines.append(f"No correction is offered: it would leave {100 * gap['heldout_rms_withheld']:.2f} %.")
-    elif gap.get("shrink_interval") and found.get("verdict") != "none":
+    if withheld is None and gap.get("shrink_interval") and found.get("verdict") != "none":
         low, high = gap["shrink_interval"]
         lines.append(
             f"The gap shrinks by {100 * gap.get('shrink', 0.0):.0f} % (expected {100 * low:.0f} to {100 * high:.0f} %)."

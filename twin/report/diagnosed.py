@@ -182,19 +182,23 @@ def _gap(found: DiagnosisFile) -> list[Block]:
         "rms_relative_difference": [gap.heldout_rms_before, gap.heldout_rms_after, left],
     }
     low, high = gap.shrink_interval
-    lines = [
-        (
-            "Root mean square relative difference on slices that took no part in choice or fit:"
-            f" {100 * gap.heldout_rms_before:.2f} % before, {100 * gap.heldout_rms_after:.2f} % after what was found is"
-            f" added; over all points {100 * gap.rms_before:.2f} % and {100 * gap.rms_after:.2f} %."
-        ),
-    ]
+    unseen = "Root mean square relative difference on slices that took no part in choice or fit:"
     if gap.heldout_rms_withheld is not None:
-        lines.append(
-            f"No correction is offered: with that for what was found they would differ by"
-            f" {100 * gap.heldout_rms_withheld:.2f} %."
-        )
-    elif found.verdict != "none":
+        lines = [
+            f"{unseen} {100 * gap.heldout_rms_before:.2f} %; over all points {100 * gap.rms_before:.2f} %.",
+            (
+                "No correction is offered for what was found: with it those slices would differ by"
+                f" {100 * gap.heldout_rms_withheld:.2f} %."
+            ),
+        ]
+    else:
+        lines = [
+            (
+                f"{unseen} {100 * gap.heldout_rms_before:.2f} % before, {100 * gap.heldout_rms_after:.2f} % after what"
+                f" was found is added; over all points {100 * gap.rms_before:.2f} % and {100 * gap.rms_after:.2f} %."
+            ),
+        ]
+    if gap.heldout_rms_withheld is None and found.verdict != "none":
         lines.append(
             f"Without noise and budget the gap shrinks by {100 * gap.shrink:.0f} % (expected before looking:"
             f" {100 * low:.0f} to {100 * high:.0f} %); noise and budget let {100 * gap.removable:.0f} % of the whole go"

@@ -15,6 +15,7 @@ import pytest
 from example_runs import PLAN, four_points, header, minimal_run, status
 from report_samples import pair, sketch
 
+from gui.diagnosis_words import how_far_of
 from instrument.amending import amend
 from instrument.journal import Journal
 from instrument.run_build import rebuild_run
@@ -321,6 +322,25 @@ DIAGNOSIS = {
     ],
     "from the future": 1,
 }
+
+
+@pytest.mark.parametrize(
+    ("withheld", "said", "unsaid"),
+    [
+        (None, "1.20 % after what was found is added", "No correction is offered"),
+        (0.025, "with it those slices would differ by 2.50 %", "after what was found is added"),
+    ],
+)
+def test_a_correction_that_is_withheld_is_said(named, withheld: float | None, said: str, unsaid: str):
+    told = DIAGNOSIS | {"gap": {**DIAGNOSIS["gap"], "heldout_rms_withheld": withheld}}
+    (named / "diagnosis.json").write_text(json.dumps(told))
+    document = build_report(read_sources(Named(named / "run.nc", diagnosis=named / "diagnosis.json")))
+    text = repr(document)
+    assert said in text
+    assert unsaid not in text
+    in_the_window = " ".join(how_far_of(told))
+    assert ("it would leave 2.50 %" in in_the_window) == (withheld is not None)
+    assert ("after what was found is added" in in_the_window) == (withheld is None)
 
 
 def test_a_diagnosis_is_told(named):
