@@ -125,7 +125,7 @@ def _reference(bench: Bench, reality: Reality) -> float:
 
 def _middles(response: TabulatedResponse) -> FloatArray:
     """Values between nodes, shape (value, parameter)."""
-    middles = [(axis[1:] + axis[:-1]) / 2 for axis in response.axes]
+    middles = [(axis[1:] + axis[:-1]) / 2 if len(axis) > 1 else axis for axis in response.axes]
     if len(middles) == 1:
         return middles[0][:, None]
     generator = np.random.default_rng(1)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import erf
 
 from instrument.angles import FloatArray
 from instrument.errors import InputError
@@ -73,22 +74,25 @@ def with_retroreflection(material: Material, amplitude: float, width_deg: float)
     return retroreflection_lobe(material, width_deg).added(amplitude)
 
 
-def with_specular_lobe(material: Material, amplitude: float, roughness: float) -> Material:
-    """Add a microfacet lobe (Torrance-Sparrow with the distribution of Trowbridge and Reitz, GGX).
+def with_specular_lobe(material: Material, amplitude: float, roughness: float, normal: float = 0.0) -> Material:
+    """Add a microfacet lobe (Torrance-Sparrow with the slopes of Trowbridge and Reitz, GGX, or of Beckmann).
 
     Parameters
     ----------
     amplitude
         Reflectance of every facet, independent of the angle: the Fresnel factor's place.
     roughness
-        The distribution's alpha, root mean square slope over the square root of 2 in the micro-surface's centre.
+        The distribution's alpha: for normal slopes the root mean square slope; GGX has the same about its centre, and
+        tails.
+    normal
+        Share of facets whose slopes are distributed normally (Beckmann), 0 to 1; the others' have tails (GGX).
 
     Raises
     ------
     InputError
         For a roughness outside (0, 1], or a sum that no surface can have.
     """
-    return specular_lobe(material, roughness).added(amplitude)
+    return specular_lobe(material, roughness, normal).added(amplitude)
 
 
 def retroreflection_lobe(material: Material, width_deg: float) -> LobeOnGrid:
@@ -107,20 +111,23 @@ def retroreflection_lobe(material: Material, width_deg: float) -> LobeOnGrid:
     return _on_grid(material, peak, zenith_grid(zenith, phi), 0.0, f"retro-reflection peak {width_deg:g} degrees wide")
 
 
-def specular_lobe(material: Material, roughness: float) -> LobeOnGrid:
+def specular_lobe(material: Material, roughness: float, normal: float = 0.0) -> LobeOnGrid:
     """The lobe of :func:`with_specular_lobe` at unit amplitude."""
     if not 0.03 <= roughness <= 1:
         raise InputError(f"specular lobe: roughness: found {roughness:g}; expected 0.03 to 1")
 
     def lobe(cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray) -> FloatArray:
-        return np.pi * microfacet(cos_o, phi_rad, cos_i, roughness)
+        with_tails = np.pi * microfacet(cos_o, phi_rad, cos_i, roughness) if normal < 1 else np.array(0.0)
+        without = np.pi * normal_facets(cos_o, phi_rad, cos_i, roughness) if normal > 0 else np.array(0.0)
+        return np.asarray((1 - normal) * with_tails + normal * without)
 
     # A facet turned by one angle turns the reflection by two: the lobe is about 2 alpha wide.
     step = float(np.clip(np.rad2deg(roughness) / 4, 0.75, 3.0))
     zenith = np.linspace(0, 90, int(np.ceil(90 / step)) + 1)
     phi = 180 - np.unique(np.concatenate([np.arange(0, 8) * step, np.geomspace(8 * step, 180, 24)]))[::-1]
     phi[0] = 0.0
-    return _on_grid(material, lobe, zenith_grid(zenith, phi), np.pi, f"specular lobe of roughness {roughness:g}")
+    name = f"specular lobe of roughness {roughness:g}" + (f", {100 * normal:g} % normal slopes" if normal else "")
+    return _on_grid(material, lobe, zenith_grid(zenith, phi), np.pi, name)
 
 
 def retro_angle_rad(cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray) -> FloatArray:
@@ -136,9 +143,7 @@ def microfacet(cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray, roughn
     ``phi_rad`` is 0 for backscatter.
     """
     cos_o, cos_i = np.maximum(cos_o, 1e-4), np.maximum(cos_i, 1e-4)
-    sin_o, sin_i = (np.sqrt(np.maximum(0.0, 1 - c * c)) for c in (cos_o, cos_i))
-    squared = 2 * (1 + cos_o * cos_i + sin_o * sin_i * np.cos(phi_rad))
-    cos_half_squared = (cos_o + cos_i) ** 2 / np.maximum(squared, 1e-12)
+    cos_half_squared = _facet_cosine_squared(cos_o, phi_rad, cos_i)
     alpha_squared = roughness * roughness
     distribution = alpha_squared / (np.pi * (1 - cos_half_squared * (1 - alpha_squared)) ** 2)
 
@@ -146,6 +151,31 @@ def microfacet(cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray, roughn
         return np.asarray(2 * cosine / (cosine + np.sqrt(alpha_squared + (1 - alpha_squared) * cosine**2)))
 
     return np.asarray(distribution * seen(cos_o) * seen(cos_i) / (4 * cos_o * cos_i))
+
+
+def normal_facets(cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray, roughness: float) -> FloatArray:
+    """BRDF in 1/sr of a rough mirror of normally distributed slopes (Beckmann), with Smith's separable masking.
+
+    Walter et al. 2007, equation 25 and the exact masking of section 5.2; ``phi_rad`` is 0 for backscatter.
+    """
+    cos_o, cos_i = np.maximum(cos_o, 1e-4), np.maximum(cos_i, 1e-4)
+    cosine_squared = _facet_cosine_squared(cos_o, phi_rad, cos_i)
+    alpha_squared = roughness * roughness
+    steepness = (1 / np.maximum(cosine_squared, 1e-12) - 1) / alpha_squared
+    distribution = np.exp(-steepness) / (np.pi * alpha_squared * np.maximum(cosine_squared, 1e-12) ** 2)
+
+    def seen(cosine: FloatArray) -> FloatArray:
+        a = cosine / (roughness * np.sqrt(np.maximum(1 - cosine**2, 1e-12)))
+        return np.asarray(2 / (1 + erf(a) + np.exp(-a * a) / (a * np.sqrt(np.pi))))
+
+    return np.asarray(distribution * seen(cos_o) * seen(cos_i) / (4 * cos_o * cos_i))
+
+
+def _facet_cosine_squared(cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray) -> FloatArray:
+    """Squared cosine of the angle between the surface's normal and that of facets that mirror one way into another."""
+    sin_o, sin_i = (np.sqrt(np.maximum(0.0, 1 - c * c)) for c in (cos_o, cos_i))
+    squared = 2 * (1 + cos_o * cos_i + sin_o * sin_i * np.cos(phi_rad))
+    return np.asarray(np.minimum((cos_o + cos_i) ** 2 / np.maximum(squared, 1e-12), 1.0))
 
 
 def _on_grid(material: Material, function: BrdfFunction, grid: Grid, ridge_rad: float, name: str) -> LobeOnGrid:

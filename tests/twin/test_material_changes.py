@@ -7,6 +7,7 @@ from instrument.errors import InputError
 from twin.material import Material, lambertian
 from twin.material_changes import (
     microfacet,
+    normal_facets,
     retro_angle_rad,
     retroreflection_lobe,
     specular_lobe,
@@ -79,30 +80,52 @@ def test_away_from_a_lobe_the_material_is_unchanged() -> None:
     )
 
 
-def test_a_specular_lobe_peaks_about_the_mirror_direction() -> None:
-    material = with_specular_lobe(lambertian(0.4), 0.02, 0.2)
+@pytest.mark.parametrize("normal", [0.0, 0.4, 1.0])
+def test_a_specular_lobe_peaks_about_the_mirror_direction(normal: float) -> None:
+    material = with_specular_lobe(lambertian(0.4), 0.02, 0.2, normal)
     cosine = np.cos(np.deg2rad(30))
     others = np.linspace(0, 2 * np.pi, 50, endpoint=False)
     mirror = material.evaluate(cosine, np.pi, cosine)
     assert np.all(mirror > material.evaluate(cosine, np.delete(others, 25), cosine))
-    # At normal incidence: D = 1/(pi alpha^2), no masking.
+    # At normal incidence: D = 1/(pi alpha^2) for both laws of the slopes, no masking.
     at_normal = material.evaluate(1.0, 0.0, 1.0) - 0.4 / np.pi
     assert at_normal == pytest.approx(0.02 / (4 * np.pi * 0.2**2), rel=1e-6)
 
 
-def test_the_microfacet_lobe_is_reciprocal_and_keeps_the_energy() -> None:
+@pytest.mark.parametrize(
+    ("facets", "steeper_than_45"),
+    [(microfacet, lambda a: a**2 / (1 + a**2)), (normal_facets, lambda a: np.exp(-1 / a**2))],
+)
+def test_the_microfacet_lobe_is_reciprocal_and_keeps_the_energy(facets, steeper_than_45) -> None:
     cos_o, phi, cos_i = directions(300)
-    np.testing.assert_allclose(microfacet(cos_o, phi, cos_i, 0.3), microfacet(cos_i, phi, cos_o, 0.3), rtol=1e-12)
+    np.testing.assert_allclose(facets(cos_o, phi, cos_i, 0.3), facets(cos_i, phi, cos_o, 0.3), rtol=1e-12)
     mu, weight = np.polynomial.legendre.leggauss(400)
     mu, weight = (mu + 1) / 2, weight / 2
     azimuth = (np.arange(400) + 0.5) * 2 * np.pi / 400
-    # Lost at normal incidence: what facets steeper than 45 degrees, the share alpha^2/(1 + alpha^2), send downwards,
-    # and what is hidden.
+    # Lost at normal incidence: what facets steeper than 45 degrees send downwards, and what is hidden.
     for incidence, roughness in ((1.0, 0.1), (0.7, 0.1), (1.0, 0.3)):
-        values = microfacet(mu[:, None], azimuth[None, :], np.array(incidence), roughness)
+        values = facets(mu[:, None], azimuth[None, :], np.array(incidence), roughness)
         total = np.sum(values * (weight * mu)[:, None]) * 2 * np.pi / 400
-        sent_up = 1 - roughness**2 / (1 + roughness**2)
+        sent_up = 1 - steeper_than_45(roughness)
         assert sent_up - 0.06 < total < (sent_up if incidence == 1.0 else 1.0)
+
+
+def test_masking_leaves_the_projected_area_that_is_seen() -> None:
+    """What a view sees of the facets is the area of the plane: the integral of D over them, hidden ones left out."""
+    mu, weight = np.polynomial.legendre.leggauss(600)
+    mu, weight = (mu + 1) / 2, weight / 2
+    azimuth = (np.arange(600) + 0.5) * 2 * np.pi / 600
+    roughness = 0.4
+    density = np.exp(-(1 / mu**2 - 1) / roughness**2) / (np.pi * roughness**2 * mu**4)
+    for view in np.deg2rad([20.0, 60.0, 80.0]):
+        towards = np.cos(view) * mu[:, None] + np.sin(view) * np.sqrt(1 - mu[:, None] ** 2) * np.cos(azimuth)
+        facing = np.sum(np.maximum(towards, 0) * (density * weight)[:, None]) * 2 * np.pi / 600
+        seen = np.cos(view) / facing
+        # Light from 1e-3 off the view: facets that face it send it back, seen twice through the masking.
+        cosine, off = np.array(np.cos(view)), np.array(1e-3)
+        at_view = np.exp(-(np.tan(view) ** 2) / roughness**2) / (np.pi * roughness**2 * np.cos(view) ** 4)
+        found = float(normal_facets(cosine, off, cosine, roughness)) * 4 * np.cos(view) ** 2 / at_view
+        assert found == pytest.approx(seen**2, rel=1e-3)
 
 
 def test_the_stated_gridding_error_of_a_specular_lobe_holds_at_other_directions() -> None:

@@ -66,13 +66,14 @@ class Retroreflection(MaterialChange):
 
 @dataclass(frozen=True)
 class SpecularLobe(MaterialChange):
-    """A microfacet lobe."""
+    """A microfacet lobe; a share of its facets has normally distributed slopes."""
 
     amplitude: float
     roughness: float
+    normal: float = 0.0
 
     def apply(self, material: Material) -> Material:
-        return with_specular_lobe(material, self.amplitude, self.roughness)
+        return with_specular_lobe(material, self.amplitude, self.roughness, self.normal)
 
     def grid_key(self) -> str:
-        return f"specular {self.roughness!r}"
+        return f"specular {self.roughness!r} {self.normal!r}"

@@ -90,17 +90,20 @@ def diagnose_command(
     beside = {"coupon": coupon or [], "white": white or []}
     diagnosis = _diagnose(runs, inputs, cache, same_mounting, beside, other_scans=plans is not None)
     found = _parity(runs, symmetry, wavelength)
-    _tell(diagnosis, found)
-    _write(diagnosis, found, json, prediction)
+    # Files first: whoever reads the words may stop reading.
+    written = _write(diagnosis, found, json, prediction)
     if save_twin is not None:
-        _save_twin(diagnosis, save_twin)
+        written.append(_save_twin(diagnosis, save_twin))
     if plans is not None:
-        _write_plans(diagnosis, plans)
+        written += _write_plans(diagnosis, plans)
     if report is not None:
         from twin.diagnosis.report import write_report
 
         write_report(diagnosis, found, report)
-        typer.echo(f"written: {report}")
+        written.append(f"written: {report}")
+    _tell(diagnosis, found)
+    for line in written:
+        typer.echo(line)
 
 
 def _check_outputs(json: Path | None, files: Sequence[Path | None], plans: Path | None, force: bool) -> None:
@@ -118,7 +121,7 @@ def _check_outputs(json: Path | None, files: Sequence[Path | None], plans: Path 
         check_plans(plans)
 
 
-def _save_twin(diagnosis: Diagnosis, file: Path) -> None:
+def _save_twin(diagnosis: Diagnosis, file: Path) -> str:
     from twin.corrections import write_corrections
     from twin.diagnosis.outcome import corrections_of, withheld
 
@@ -126,17 +129,14 @@ def _save_twin(diagnosis: Diagnosis, file: Path) -> None:
     write_corrections(found, file)
     nothing = "no effect, as its correction is withheld" if withheld(diagnosis) else "no effect, as none is named"
     named = ", ".join(one.effect for one in found.effects) or nothing
-    typer.echo(f"written: {file} ({named})")
+    return f"written: {file} ({named})"
 
 
-def _write_plans(diagnosis: Diagnosis, folder: Path) -> None:
+def _write_plans(diagnosis: Diagnosis, folder: Path) -> list[str]:
     from twin.diagnosis.followup import write_plans
 
     written = write_plans(diagnosis.proposals, folder)
-    for path in written:
-        typer.echo(f"written: {path}")
-    if not written:
-        typer.echo(f"no plan in {folder}: no scan would say more about the cause")
+    return [f"written: {path}" for path in written] or [f"no plan in {folder}: no scan would say more about the cause"]
 
 
 def _check_alone(outputs: dict[str, Path | None], inputs: Inputs | None, columns: Path | None) -> None:
@@ -257,7 +257,10 @@ def _tell(diagnosis: Diagnosis, symmetries: tuple[Parity, ...]) -> None:
         console.print(f"not looked for: {effect} ({reason})", markup=False, highlight=False)
 
 
-def _write(diagnosis: Diagnosis, symmetries: tuple[Parity, ...], json: Path | None, prediction: Path | None) -> None:
+def _write(
+    diagnosis: Diagnosis, symmetries: tuple[Parity, ...], json: Path | None, prediction: Path | None
+) -> list[str]:
+    """Write what is asked for, and say which files that were."""
     from instrument.dataset import write_prediction
     from instrument.output import write_json
     from twin.diagnosis import parity_only
@@ -265,7 +268,6 @@ def _write(diagnosis: Diagnosis, symmetries: tuple[Parity, ...], json: Path | No
 
     if json is not None:
         write_json(json, to_dict(diagnosis) | {"parity": parity_only.to_dict(symmetries)})
-        typer.echo(f"written: {json}")
     if prediction is not None:
         write_prediction(predictions(diagnosis), prediction)
-        typer.echo(f"written: {prediction}")
+    return [f"written: {path}" for path in (json, prediction) if path is not None]

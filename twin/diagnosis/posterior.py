@@ -16,7 +16,7 @@ from twin.diagnosis.unknown import smooth_evidence, tolerant
 
 #: Prior probabilities: of no gap, of one effect in all, of two in all, of a cause that is not in the library. A
 #: diagnosis is asked for where something is suspected, and an effect that the budget hides is there all the same.
-PRIOR = {"none": 0.35, "one": 0.415, "two": 0.085, "unknown": 0.15}
+PRIOR = {"none": 0.25, "one": 0.53, "two": 0.11, "unknown": 0.11}
 #: Shares of the unknown: a smooth gap, the same beside an effect, and causes that are only suspected.
 SHARES = {"smooth": 0.77, "beside": 0.01, "suspected": 0.22}
 #: Fits of one effect, and of two, that are weighed with the error of the response.

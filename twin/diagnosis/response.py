@@ -13,7 +13,15 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from instrument.angles import FloatArray
 from twin.diagnosis.acquisition import Acquisition
-from twin.diagnosis.effects import AzimuthEffect, Effect, Parameter, ReadingEffect, TopEffect, ZenithEffect
+from twin.diagnosis.effects import (
+    AzimuthEffect,
+    Effect,
+    JoinedEffect,
+    Parameter,
+    ReadingEffect,
+    TopEffect,
+    ZenithEffect,
+)
 from twin.optics import Setup
 
 #: Errors of the sensor zenith that are rendered, degree; closer near 0, where most effects are.
@@ -166,6 +174,29 @@ class TabulatedResponse(Common):
 
 
 @dataclass(frozen=True)
+class JoinedResponse(TabulatedResponse):
+    """An effect that brings another with it.
+
+    Attributes
+    ----------
+    part
+        Response to the other; the logarithms of both add up.
+    """
+
+    part: TabulatedResponse
+
+    def log_ratio(self, values: FloatArray) -> FloatArray:
+        assert isinstance(self.effect, JoinedEffect)
+        inside = self._inside(values)
+        return super().log_ratio(inside) + self.part.log_ratio(self.effect.of_part(inside))
+
+    def again(self, run: Acquisition, rows: IntArray) -> JoinedResponse:
+        """The response where some of the points are read again."""
+        table, u_table = self.table[..., rows], self.u_table[..., rows]
+        return replace(self, table=table, u_table=u_table, part=self.part.again(run, rows))
+
+
+@dataclass(frozen=True)
 class ZenithResponse(Common):
     """An effect that moves the sensor arm: every point is looked up at its own error.
 
@@ -301,4 +332,6 @@ def cardinal_spline(nodes: FloatArray) -> BSpline:
 
     Calling it with x of shape (...) gives the weights of the nodes, shape (..., node).
     """
+    if len(nodes) == 1:
+        return BSpline(nodes[0] + np.array([-1.0, 1.0]), np.ones((1, 1)), 0)
     return make_interp_spline(nodes, np.eye(len(nodes)), k=min(3, len(nodes) - 1))

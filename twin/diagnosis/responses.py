@@ -18,12 +18,14 @@ from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.effects import (
     AzimuthEffect,
     Effect,
+    JoinedEffect,
     Known,
     Parameter,
     ReadingEffect,
     SceneEffect,
     TopEffect,
     ZenithEffect,
+    effect,
     library,
 )
 from twin.diagnosis.renders import Rendered, RenderStore
@@ -33,6 +35,7 @@ from twin.diagnosis.response import (
     AnyResponse,
     AzimuthResponse,
     ComputedResponse,
+    JoinedResponse,
     TabulatedResponse,
     TopResponse,
     ZenithResponse,
@@ -85,17 +88,25 @@ def responses(
     """
     chosen = list(library().values() if effects is None else effects)
     known, ruled_out, usable = store.workbench.known, {}, []
-    for effect in chosen:
-        missing = effect.missing(run)
-        reason = effect.not_applicable(known) or (f"the run says nothing of {', '.join(missing)}" if missing else "")
+    for one in chosen:
+        missing = one.missing(run)
+        reason = one.not_applicable(known) or (f"the run says nothing of {', '.join(missing)}" if missing else "")
         if reason:
-            ruled_out[effect.name] = reason
+            ruled_out[one.name] = reason
         else:
-            usable.append(effect)
-    plans = {effect.name: _Plan.of(effect, known, run) for effect in usable}
-    groups = {plan.table: plan.variations for plan in plans.values() if plan.variations}
+            usable.append(one)
+    plans = {one.name: _Plan.of(one, known, run) for one in usable}
+    parts = {plan.part: _Plan.of(effect(plan.part), known, run) for plan in plans.values() if plan.part}
+    groups = {plan.table: plan.variations for plan in (*plans.values(), *parts.values()) if plan.variations}
     rendered = _rendered(store, groups, run, progress)
-    found = {plan.effect.name: _response(plan, rendered, run, brf, store.workbench) for plan in plans.values()}
+
+    def response(plan: _Plan) -> AnyResponse:
+        return _response(plan, rendered, run, brf, store.workbench)
+
+    found = {name: response(plan) for name, plan in plans.items()}
+    for name, plan in plans.items():
+        if plan.part:
+            found[name] = _joined(found[name], response(parts[plan.part]))
     return Responses(found, ruled_out)
 
 
@@ -173,6 +184,11 @@ class _Plan:
     variations: list[Variation]
     table: str
 
+    @property
+    def part(self) -> str:
+        """Name of the effect that it brings with it."""
+        return self.effect.part if isinstance(self.effect, JoinedEffect) else ""
+
     @classmethod
     def of(cls, effect: Effect, known: Known, run: Acquisition) -> _Plan:
         parameters = effect.resolve(known, run)
@@ -191,6 +207,12 @@ class _Plan:
             dimmed = Variation(surface_factor=((Surface.PLATE_TOP, _DIMMED),))
             return cls(effect, parameters, (), [dimmed], "plate top")
         return cls(effect, parameters, (), [], "")
+
+
+def _joined(own: AnyResponse, part: AnyResponse) -> JoinedResponse:
+    assert isinstance(own, TabulatedResponse)
+    assert isinstance(part, TabulatedResponse)
+    return JoinedResponse(own.effect, own.parameters, own.axes, own.table, own.u_table, part)
 
 
 def _response(

@@ -23,7 +23,7 @@ from instrument.lambertian import lambertian_flux
 from instrument.plan import read_plan
 from twin.content import content_digest
 from twin.corrections import Correction, Corrections, corrected_twin, write_corrections
-from twin.diagnosis import followup, next_scans, responses
+from twin.diagnosis import command, followup, next_scans, responses
 from twin.diagnosis.effects import effect
 from twin.diagnosis.observation import Observation, read_observation
 from twin.diagnosis.workbench import Workbench
@@ -281,6 +281,20 @@ def test_minimal_file_says_what_it_rules_out(lab: Laboratory, call, tmp_path: Pa
     assert "says nothing of progress" in found["ruled_out"]["source_drift"]
     assert "not looked for: source_drift" in result.output
     assert any("drift" in note for note in found["notes"])
+
+
+@pytest.mark.usefixtures("nothing_rendered", "diagnosed")
+def test_files_are_written_although_nobody_reads_the_words(lab: Laboratory, call, tmp_path: Path, monkeypatch):
+    def hung_up(*_: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(command, "_tell", hung_up)
+    outputs = [tmp_path / name for name in ("d.json", "d.html", "d.nc", "d.toml")]
+    options = [
+        w for pair in zip(("--json", "--report", "--prediction", "--save-twin"), outputs, strict=True) for w in pair
+    ]
+    assert call(lab.folder / "run.nc", *lab.files(), *options).exit_code != 0
+    assert all(path.stat().st_size > 0 for path in outputs)
 
 
 def _few(run: xr.Dataset) -> xr.Dataset:

@@ -89,8 +89,23 @@ def test_flat_sample_has_no_effect_of_holes(name: str):
     assert effect(name).not_applicable(Known(facility(), flat(), lambertian(0.5)))
 
 
+def test_a_tilt_about_a_leg_raises_the_spot_whichever_way_it_goes():
+    tilt = effect("sample_tilt")
+    assert isinstance(tilt, SceneEffect)
+    # 20 mm from the axis: 20 sin(1 degree) = 0.349 mm.
+    for x, y in ((1.0, 0.0), (0.0, -1.0), (0.6, 0.8)):
+        setup = tilt.variation(np.array([x, y, 20.0])).setup
+        assert (setup.tilt_x_deg, setup.tilt_y_deg) == (x, y)
+        assert setup.height_mm == pytest.approx(0.34905, abs=1e-5)
+    assert tilt.variation(np.array([1.0, 0.5, 0.0])).setup.height_mm == 0
+    # No leg is farther away than a corner of the 50 mm plate.
+    assert tilt.resolve(Known(facility(), artifact(), lambertian(0.5)))[2].cap == pytest.approx(
+        (-35.355, 35.355), abs=1e-3
+    )
+
+
 def test_lobe_leaves_no_more_light_than_there_is():
-    amplitude, _ = effect("specular_lobe").resolve(Known(facility(), flat(), lambertian(0.95)))
+    amplitude, *_ = effect("specular_lobe").resolve(Known(facility(), flat(), lambertian(0.95)))
     assert 0 < amplitude.cap[1] < 0.05
 
 
@@ -159,15 +174,15 @@ def test_reference_reading_too_high_lowers_every_value():
 
 
 def test_polarization_cancels_over_the_azimuths_of_the_reference():
-    changed = read("polarization", 0.1, 2.0)
+    changed = read("polarization", 0.1, 0.0)
     np.testing.assert_allclose(changed[:5], 0.5 * (1 + 0.1 * np.sin(np.deg2rad([60, 30, 0, -30, -60])) ** 2))
     np.testing.assert_allclose(changed[5:], 0.5 * (1 - 0.1 * np.sin(np.deg2rad([-60, -30, 0, 30, 60])) ** 2))
 
 
 def test_anisotropy_along_x_equals_polarization_and_turns_with_its_axis():
     # Without the part of the light's direction, and without the reference that a detector reads as well.
-    np.testing.assert_allclose(read("anisotropy", 0.1, 0.0, 2.0, 0.0), read("polarization", 0.1, 2.0))
-    np.testing.assert_allclose(read("anisotropy", 0.1, 90.0, 2.0, 0.0), read("polarization", -0.1, 2.0))
+    np.testing.assert_allclose(read("anisotropy", 0.1, 0.0, 2.0, 0.0), read("polarization", 0.1, 0.0))
+    np.testing.assert_allclose(read("anisotropy", 0.1, 90.0, 2.0, 0.0), read("polarization", -0.1, 0.0))
 
 
 def test_anisotropy_is_the_same_with_light_and_view_exchanged():
@@ -180,9 +195,19 @@ def test_anisotropy_is_the_same_with_light_and_view_exchanged():
     np.testing.assert_allclose(one, other, rtol=1e-12)
 
 
-def test_polarization_of_refracted_light_is_steeper_than_the_square_of_the_sine():
-    changed = read("polarization", 0.1, 6.0) / 0.5 - 1
-    np.testing.assert_allclose(changed[:5], 0.1 * np.sin(np.deg2rad([60, 30, 0, -30, -60])) ** 6)
+def test_polarization_of_refracted_light_follows_fresnel():
+    changed = read("polarization", 0.1, 1.0) / 0.5 - 1
+
+    def degree(outside: float) -> float:
+        # Transmittances of both polarisations of a body of index 1.5, from the amplitudes.
+        n, cosine = 1.5, np.cos(np.deg2rad(outside))
+        inside = np.sqrt(1 - (np.sin(np.deg2rad(outside)) / n) ** 2)
+        across = 2 * n * inside / (n * inside + cosine)
+        along = 2 * n * inside / (inside + n * cosine)
+        return float((along**2 - across**2) / (along**2 + across**2))
+
+    expected = 0.1 * np.sin(np.deg2rad(80)) ** 2 / degree(80) * np.array([degree(60), degree(30), 0])
+    np.testing.assert_allclose(changed[:5], expected[[0, 1, 2, 1, 0]], rtol=1e-9, atol=1e-15)
 
 
 def test_arm_shadow_fades_away_from_retroreflection():

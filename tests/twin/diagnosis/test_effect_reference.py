@@ -34,7 +34,7 @@ READINGS = [
     ("dev13", "stale_sample", lambda a: [a[0]], 0.1),
 ]
 SCENES = [
-    ("dev04", "sample_tilt", lambda a: [a[0] * DEG, a[1] * DEG]),
+    ("dev04", "sample_tilt", lambda a: [a[0] * DEG, a[1] * DEG, 0.0]),
     ("dev05", "sensor_zenith_offset", lambda a: [a[0] * DEG]),
     ("dev06", "beam_offset", lambda a: [0.0, a[0]]),
     ("dev07", "cavity_reflectance", lambda a: [1 + a[0]]),

@@ -54,7 +54,7 @@ def test_tilt_of_a_flat_sample_has_the_tangent_of_the_view(flat_bench: Workbench
     # A normal turned by t towards the view at u: flux goes with 1/cos of the view and the cosine of the light.
     u, tilt = np.deg2rad(PLANE["sensor_zenith"]), np.deg2rad(0.5)
     expected = np.cos(u) / np.cos(u - tilt) * np.cos(tilt)
-    found = response("sample_tilt", PLANE, flat_bench).relative(np.array([[0.0, 0.5]]))[0]
+    found = response("sample_tilt", PLANE, flat_bench).relative(np.array([[0.0, 0.5, 0.0]]))[0]
     np.testing.assert_allclose(found, 1 / (expected / np.cos(tilt) ** 2) - 1, atol=2e-4)
 
 
@@ -241,7 +241,12 @@ def test_table_reproduces_renderings_between_its_nodes():
     bench = Workbench(facility(mirror=10.8, profile="gaussian"), artifact(), lambertian(0.6), samples=128)
     where = columns(np.repeat([0.0, 30.0], 4), np.tile([-65.0, -25.0, 15.0, 75.0], 2), np.repeat([0.0, 60.0], 4))
     run, store = run_of(where), RenderStore(bench, None)
-    between = {"sample_tilt": [0.8, -1.1], "beam_offset": [0.5, 0.9], "hole_diameter": [0.13], "sample_height": [1.3]}
+    between = {
+        "sample_tilt": [0.8, -1.1, 30.0],
+        "beam_offset": [0.5, 0.9],
+        "hole_diameter": [0.13],
+        "sample_height": [1.3],
+    }
     for name, values in between.items():
         scene = effect(name)
         assert isinstance(scene, SceneEffect)

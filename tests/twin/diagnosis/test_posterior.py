@@ -61,7 +61,7 @@ def bump(width_deg: float = 25.0) -> np.ndarray:
 
 def test_priors_are_probabilities():
     assert sum(PRIOR.values()) == pytest.approx(1.0)
-    assert PRIOR["none"] == pytest.approx(0.35)
+    assert PRIOR["none"] == pytest.approx(0.25)
 
 
 def test_probabilities_follow_from_prior_and_evidence():

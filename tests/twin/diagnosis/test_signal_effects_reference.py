@@ -53,8 +53,8 @@ def nominal(laboratory: Laboratory) -> np.ndarray:
         ("arm_shadow", {"fraction": 0.15}, (0.1, 8.0), 0.1),
         # A grain that acts on the light as on the view.
         ("anisotropy", {"amplitude": 0.08, "axis_deg": 25.0}, (0.05, 10.0, 2.0, 0.5), 0.05),
-        # Fresnel's polarisation of light that leaves the coating, against a power of the sine.
-        ("polarization", {"fraction": 0.1}, (0.05, 3.0), 0.15),
+        # Fresnel's polarisation of light that leaves the coating.
+        ("polarization", {"fraction": 0.1}, (0.05, 0.5), 0.02),
         ("reference_scale", {"ratio": 1.04}, (1.0,), 1e-6),
     ],
 )

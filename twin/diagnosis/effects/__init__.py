@@ -18,6 +18,7 @@ from instrument.errors import InputError
 from twin.diagnosis.effects.base import (
     AzimuthEffect,
     Effect,
+    JoinedEffect,
     Known,
     Parameter,
     ReadingEffect,
@@ -29,6 +30,7 @@ from twin.diagnosis.effects.base import (
 __all__ = [
     "AzimuthEffect",
     "Effect",
+    "JoinedEffect",
     "Known",
     "Parameter",
     "ReadingEffect",

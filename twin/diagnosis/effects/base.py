@@ -1,9 +1,10 @@
 """What an effect is: parameters, what it changes in the scene, and what it makes of a reading.
 
-An effect acts in one of five ways. A :class:`SceneEffect` changes instrument, sample or material, and is rendered. A
-:class:`ZenithEffect` or :class:`AzimuthEffect` moves the sensor arm by an angle that differs from point to point; one
-rendered table over that angle serves all of them. A :class:`TopEffect` changes the reflectance of
-part of the plate's top. A :class:`ReadingEffect` changes what electronics and acquisition make of the light.
+An effect acts in one of five ways. A :class:`SceneEffect` changes instrument, sample or material, and is rendered; a
+:class:`JoinedEffect` brings another one with it. A :class:`ZenithEffect` or :class:`AzimuthEffect` moves the sensor arm
+by an angle that differs from point to point; one rendered table over that angle serves all of them. A
+:class:`TopEffect` changes the reflectance of part of the plate's top. A :class:`ReadingEffect` changes what electronics
+and acquisition make of the light.
 """
 
 from __future__ import annotations
@@ -145,6 +146,22 @@ class SceneEffect(Effect):
         """What is rendered at parameter values, shape (parameter,)."""
 
 
+class JoinedEffect(SceneEffect):
+    """An effect that brings another with it: it is rendered without, and the other's logarithmic ratio is added.
+
+    Attributes
+    ----------
+    part
+        Name of the other effect, rendered as well.
+    """
+
+    part: ClassVar[str]
+
+    @abstractmethod
+    def of_part(self, values: FloatArray) -> FloatArray:
+        """Values of the other effect, shape (n, its parameters), for values of shape (n, parameter)."""
+
+
 class ZenithEffect(Effect):
     """An effect that moves the sensor arm, point by point."""
 
@@ -202,6 +219,8 @@ class ReadingEffect(Effect):
 def nodes_between(cap: tuple[float, float], nominal: float, count: int, crowding: float = 1.0) -> FloatArray:
     """Ascending nodes from cap to cap, one of them at the nominal value; on either side spaced as a power."""
     low, high = cap
+    if count == 1:
+        return np.array([nominal])
     if nominal <= low or nominal >= high:
         start, end = (low, high) if nominal <= low else (high, low)
         return np.sort(start + (end - start) * np.linspace(0.0, 1.0, count) ** crowding)

@@ -8,6 +8,9 @@ from instrument.angles import FloatArray
 from twin.diagnosis.acquisition import Acquisition
 from twin.diagnosis.effects.base import Known, Parameter, ReadingEffect
 
+#: Refractive index of common binders, and the view at which laws of the polarisation are the same.
+_BINDER_INDEX, _GRAZING_RAD = 1.5, np.deg2rad(80.0)
+
 
 class StrayLight(ReadingEffect):
     """Signal added at every geometry, over the reference reading (which counts as read with it)."""
@@ -78,25 +81,26 @@ class GainStep(ReadingEffect):
 
 
 class Polarization(ReadingEffect):
-    """Response varying as cos(2 sensor azimuth) sin^q(sensor zenith); q = 2 unless the run says more.
+    """Response varying as cos(2 sensor azimuth) times the degree of polarisation of the light.
 
-    Light that leaves a smooth body by refraction is polarised as sin^2 near the normal and far more steeply at grazing
-    views (Fresnel), light that a rough face reflects less steeply.
+    Which goes with the square of the sine of the sensor zenith, or, for the share ``refracted``, as that of light that
+    leaves a smooth body by refraction (Fresnel): as the square of the sine near the normal and far more steeply at
+    grazing views. Both are the same at 80 degrees.
     """
 
     name = "polarization"
     title = "detector sensitive to polarisation"
     parameters = (
         Parameter("fraction", "1", 0.04, (-0.5, 0.5)),
-        Parameter("power", "1", 1.0, (1.5, 8.0), nominal=2.0, shape=True),
+        Parameter("refracted", "1", 0.2, (0.0, 1.0), nominal=0.0, shape=True),
     )
     confused_with = ("anisotropy", "specular_lobe")
     separated_by = "the same scan with the polariser turned, or of the white reference"
 
     def reading(self, run: Acquisition, brf: FloatArray, values: FloatArray) -> FloatArray:
-        fraction, power = values[..., :1], values[..., 1:]
-        here = _polarised(run.columns["sensor_zenith"], run.columns["sensor_azimuth"], power)
-        there = _polarised(np.asarray(run.reference_zenith), run.reference_azimuth, power)
+        fraction, refracted = values[..., :1], values[..., 1:]
+        here = _polarised(run.columns["sensor_zenith"], run.columns["sensor_azimuth"], refracted)
+        there = _polarised(np.asarray(run.reference_zenith), run.reference_azimuth, refracted)
         return np.asarray(brf * (1 + fraction * here) / (1 + fraction * np.mean(there, axis=-1, keepdims=True)))
 
 
@@ -155,6 +159,18 @@ def phase_angle_deg(columns: dict[str, FloatArray]) -> FloatArray:
     return np.asarray(np.rad2deg(2 * np.arcsin(np.clip(np.linalg.norm(light - view, axis=-1) / 2, 0, 1))))
 
 
-def _polarised(zenith: FloatArray, azimuth: FloatArray, power: FloatArray) -> FloatArray:
-    """Shape (..., point) for powers of shape (..., 1)."""
-    return np.asarray(np.cos(2 * np.deg2rad(azimuth)) * np.abs(np.sin(np.deg2rad(zenith))) ** power)
+def _polarised(zenith: FloatArray, azimuth: FloatArray, refracted: FloatArray) -> FloatArray:
+    """Shape (..., point) for shares of shape (..., 1)."""
+    angle = np.abs(np.deg2rad(zenith))
+    square = np.sin(angle) ** 2
+    steep = _degree(angle) * np.sin(_GRAZING_RAD) ** 2 / _degree(_GRAZING_RAD)
+    return np.asarray(np.cos(2 * np.deg2rad(azimuth)) * (square + refracted * (steep - square)))
+
+
+def _degree(zenith_rad: FloatArray | np.floating) -> FloatArray:
+    """Degree of polarisation of light that leaves a body by refraction: transmittances are as cos^2 of the deflection.
+
+    Fresnel's equations; Born and Wolf, Principles of Optics, section 1.5.3.
+    """
+    deflection = zenith_rad - np.arcsin(np.sin(zenith_rad) / _BINDER_INDEX)
+    return np.asarray(np.sin(deflection) ** 2 / (1 + np.cos(deflection) ** 2))

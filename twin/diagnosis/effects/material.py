@@ -33,16 +33,18 @@ class _Lobe(SceneEffect):
     form_error = _FORM_ERROR
 
     def resolve(self, known: Known, run: Acquisition | None = None) -> tuple[Parameter, ...]:
-        amplitude, shape = super().resolve(known, run)
+        amplitude, *shapes = super().resolve(known, run)
         most = 0.95 * reflectance_room(known) / _LOBE_REFLECTANCE[self.name]
-        return replace(amplitude, cap=(amplitude.cap[0], min(amplitude.cap[1], most))), shape
+        return replace(amplitude, cap=(amplitude.cap[0], min(amplitude.cap[1], most))), *shapes
 
     def not_applicable(self, known: Known) -> str:
         return "the coating reflects all light already" if reflectance_room(known) < _LEAST_ROOM else ""
 
     def axes(self, parameters: tuple[Parameter, ...]) -> tuple[FloatArray, ...]:
-        amplitude, shape = parameters
-        return np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1], np.geomspace(*shape.cap, self.nodes[1])
+        amplitude, width, *laws = parameters
+        amplitudes = np.array([0.0, 0.1, 0.3, 1.0]) * amplitude.cap[1]
+        ends = (np.array(law.cap) for law in laws)
+        return amplitudes, np.geomspace(*width.cap, self.nodes[1]), *ends
 
 
 def reflectance_room(known: Known) -> float:
@@ -72,22 +74,26 @@ class RetroreflectionPeak(_Lobe):
 
 
 class SpecularReflection(_Lobe):
-    """A microfacet lobe (Torrance-Sparrow, GGX) added: reflectance of the facets, and their roughness."""
+    """A microfacet lobe (Torrance-Sparrow) added: reflectance of the facets, their roughness, and the law of slopes.
+
+    Slopes have tails (GGX), or for a share of the facets are distributed normally (Beckmann).
+    """
 
     name = "specular_lobe"
     title = "specular lobe"
     parameters = (
         Parameter("amplitude", "1", 0.01, (0.0, 0.15)),
         Parameter("roughness", "1", 0.15, (0.1, 0.7), nominal=0.3, shape=True),
+        Parameter("normal", "1", 0.2, (0.0, 1.0), shape=True),
     )
-    nodes: ClassVar = (4, 5)
+    nodes: ClassVar = (4, 5, 2)
     confused_with = ("polarization", "sensor_zenith_offset")
     separated_by = "larger illumination zeniths, where the lobe grows and moves"
 
     def variation(self, values: FloatArray) -> Variation:
         if values[0] == 0:
             return Variation()
-        return Variation(material=(SpecularLobe(float(values[0]), float(values[1])),))
+        return Variation(material=(SpecularLobe(*map(float, values)),))
 
 
 class CavityReflectance(SceneEffect):
