@@ -84,6 +84,13 @@ class StagedScan:
         self.twin.on_event(ended)
         return self.twin.finish(self.run_dir)
 
+    def await_message(self, level: str, patience: float = 60.0) -> Message:
+        """The one message of a level, which comes in its own time beside the predictions."""
+        with self.news:
+            assert self.news.wait_for(lambda: any(m.level == level for m in self.messages), patience), self.heard
+        (said,) = [m for m in self.messages if m.level == level]
+        return said
+
     def await_annotations(self, count: int, patience: float = 60.0) -> list[PointAnnotated]:
         with self.news:
             assert self.news.wait_for(lambda: len(self.annotations) >= count, patience), self.heard
@@ -354,8 +361,8 @@ def test_an_uncertainty_that_cannot_be_told_is_said_and_the_predictions_go_on(sc
     for index in range(len(POINTS)):
         scan.measure(index)
     scan.await_annotations(2 * len(POINTS))
+    said = scan.await_message("warning")  # a scan that ends first would not wait for it
     scan.end(range(len(POINTS)))
     check_results(scan, range(len(POINTS)))
-    (said,) = [m for m in scan.messages if m.level == "warning"]
     assert said.text == "the uncertainty of the twin's inputs cannot be told: material.nc: u_brf missing"
     assert "ray tracer's error alone" in said.advice
