@@ -18,6 +18,8 @@ from twin.diagnosis.turned import ROTATION, from_sample
 
 #: Correlation lengths in the sensor zenith of a wander within a slice, degree.
 LENGTHS = (6.0, 10.0, 16.0, 25.0, 40.0, 60.0)
+#: The same of a wander over all directions, one slice after the other.
+OVER_DIRECTIONS = (12.0, 25.0, 45.0)
 #: Standard deviation of the stability over the stated one, and prior weights.
 SCALES = {0.6: 0.2, 1.0: 0.55, 1.5: 0.25}
 #: Points of a block: what one may be read of a session between two looks at the reference.
@@ -86,7 +88,10 @@ def correlations(run: Observation) -> list[tuple[str, float, FloatArray]]:
         *((f"wander over {length:g} degrees", 0.3 / len(LENGTHS), matrix) for length, matrix in slow.items()),
         ("half a slice, half wander", 0.06, 0.5 * same + 0.5 * slow[25.0]),
         ("half a slice, half independent", 0.04, 0.5 * same + 0.5 * np.eye(count)),
-        ("smooth over directions", 0.05, over_directions(run, 25.0)),
+        *(
+            (f"smooth over directions, {length:g} degrees", 0.12 / len(OVER_DIRECTIONS), over_directions(run, length))
+            for length in OVER_DIRECTIONS
+        ),
         ("one factor an illumination", 0.03, (run.illumination[:, None] == run.illumination[None, :]).astype(float)),
         *(
             (f"wander in time, {share:g} of the run", 0.08 / len(TIMES), _decaying(run.progress, share))

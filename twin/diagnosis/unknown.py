@@ -46,7 +46,8 @@ def smooth_evidence(
         for _, shape in gaps:
             for size in UNKNOWN_SIZES:
                 spread = size * relative_u
-                wide = replace(members[k], covariance=members[k].covariance + shape * np.outer(spread, spread))
+                gap = without_scale(shape * np.outer(spread, spread))
+                wide = replace(members[k], covariance=members[k].covariance + gap)
                 weights.append(members[k].log_weight)
                 for values, rest in zip(log_values, rests, strict=True):
                     values.append(wide.log_density(rest))
@@ -57,6 +58,15 @@ def smooth_evidence(
         occam = fit.log_evidence - marginal([m.log_density(residual - fit.table) for m in members], members)
         found.append((fit, float(log_sum(np.array(values) + weight)) + min(occam, 0.0)))
     return found
+
+
+def without_scale(covariance: FloatArray) -> FloatArray:
+    """Covariance of a relative gap less its mean over the run: a factor for all points is known, as a scale.
+
+    A wander that is slow enough is nearly a scale, and would otherwise take the place of one.
+    """
+    mean = covariance.mean(axis=1)
+    return np.asarray(covariance - mean[:, None] - mean + mean.mean())
 
 
 def tolerant(

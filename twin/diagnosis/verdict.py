@@ -20,8 +20,10 @@ FITS_ALIKE = 1.0
 LARGEST_CLASS = 5
 #: Least probability of what is said.
 _SURE = 0.5
-#: Nats by which held-out slices must speak for an effect in a run that looks consistent.
+#: Nats by which held-out slices must speak for an effect in a run that looks consistent, where none is not improbable.
 _CONFIRMED = 1.0
+#: Largest probability of none at which an effect is named without them, unless they speak against it.
+_IMPROBABLE = 0.3
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,9 @@ def decide(posterior: Posterior) -> Decision:
 def confirmed(posterior: Posterior, consistent: bool, gain: float) -> Decision:
     """What is said once the slices held out were asked.
 
-    Evidence and held-out slices must agree: an effect that predicts them no better than the nominal twin is not named.
-    Where the run is consistent as well, or would be and they hardly speak for the effect, nothing is wrong.
+    An effect that predicts them worse than the nominal twin is not named. Where the run is consistent and they hardly
+    speak for the choice, nothing is wrong, unless the evidence of all slices together leaves little to that: what all
+    of them share, as a scale, is too little to be chosen from two thirds of them long before it is too little in all.
 
     Parameters
     ----------
@@ -89,10 +92,13 @@ def confirmed(posterior: Posterior, consistent: bool, gain: float) -> Decision:
         Nats by which what was chosen without them predicts the held-out slices better than the nominal twin.
     """
     decision = decide(posterior)
+    if decision.verdict == "effects":
+        if gain < 0:
+            return replace(decision, verdict="none" if consistent else "undecided", named=())
+        if not consistent or posterior.none <= _IMPROBABLE:
+            return decision
     if consistent and gain < _CONFIRMED:
         return replace(decision, verdict="none", named=())
-    if not consistent and decision.verdict == "effects" and gain <= 0:
-        return replace(decision, verdict="undecided", named=())
     return decision
 
 

@@ -11,6 +11,7 @@ from synthetic_runs import NOISE, STABILITY, grid, observed
 from twin.diagnosis.covariance import (
     BLOCKS,
     LENGTHS,
+    OVER_DIRECTIONS,
     SCALES,
     TIMES,
     correlations,
@@ -105,6 +106,16 @@ def test_wander_falls_by_the_square_of_the_zenith_distance_within_a_slice(length
     apart = zenith[first] - zenith[second]
     assert matrix[first, second] == pytest.approx(np.exp(-0.5 * (apart / length) ** 2))
     assert np.all(matrix[plane[:, None] != plane] == 0.0)
+
+
+@pytest.mark.parametrize("length", OVER_DIRECTIONS)
+def test_wander_over_directions_joins_the_slices_of_an_illumination_and_falls_with_its_angle(length: float):
+    sound = run(shadow=False)
+    matrix = named(correlations(sound), f"smooth over directions, {length:g} degrees")
+    light, zenith = sound.columns["illumination_zenith"], sound.columns["sensor_zenith"]
+    upright, slanted = (np.flatnonzero((zenith == 0) & (light == angle)) for angle in (0.0, 30.0))
+    np.testing.assert_allclose(matrix[np.ix_(upright, upright)], 1.0)
+    np.testing.assert_allclose(matrix[np.ix_(upright, slanted)], np.exp(-0.5 * (30 / length) ** 2))
 
 
 @pytest.mark.parametrize("length", BLOCKS)

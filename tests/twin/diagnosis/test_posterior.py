@@ -22,11 +22,11 @@ from synthetic_runs import (
 )
 
 from twin.diagnosis.covariance import correlations
-from twin.diagnosis.fit import Fit, fit_single
+from twin.diagnosis.fit import Fit, fit_none, fit_single
 from twin.diagnosis.likelihood import Normal
 from twin.diagnosis.posterior import PRIOR, Hypothesis, normalised, weigh
 from twin.diagnosis.problem import Problem
-from twin.diagnosis.unknown import tolerant
+from twin.diagnosis.unknown import smooth_evidence, tolerant, without_scale
 from twin.diagnosis.verdict import decide
 
 COLUMNS = grid({0.0: (0.0, 90.0), 15.0: (50.0, 130.0), 30.0: (0.0, 60.0)}, 10.0)
@@ -183,6 +183,23 @@ def test_effect_is_unknown_to_a_library_without_it():
 def test_error_of_scale_within_the_budget_is_no_effect():
     change = errors(COLUMNS, KINDS[0], seed=27) + 1.5 * SCALE
     assert verdict(change)[0] == "none"
+
+
+def test_a_factor_for_all_points_is_no_sign_of_an_unknown_cause():
+    given = with_change(known(), np.log1p(4 * RUN.relative_u))
+    independent = given.members[:1]
+    none = fit_none(given.residual, independent)
+    ((beside, evidence),) = smooth_evidence(given.residual, [], independent, given.gaps, RUN.relative_u, none)
+    assert beside is None
+    assert evidence < none.log_evidence
+
+
+def test_an_unknown_gap_has_no_mean_over_the_run():
+    generator = np.random.default_rng(5)
+    factor = generator.standard_normal((6, 4))
+    draws = generator.standard_normal((200_000, 4)) @ factor.T
+    less = draws - draws.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(without_scale(factor @ factor.T), less.T @ less / len(less), atol=0.05)
 
 
 def test_evidence_of_two_names_for_one_thing_is_shared():

@@ -94,17 +94,26 @@ def test_effect_and_none_and_unknown_alike_is_undecided():
     ("consistent", "gain", "verdict"),
     [
         (False, 20.0, "effects"),
-        (False, 0.5, "effects"),
-        (False, 0.0, "undecided"),
+        (False, 0.0, "effects"),
+        (False, -0.1, "undecided"),
         (True, 20.0, "effects"),
-        (True, 0.5, "none"),
-        (True, -3.0, "none"),
+        (True, 0.0, "effects"),
+        (True, -0.1, "none"),
     ],
 )
-def test_an_effect_is_named_where_held_out_slices_confirm_it(consistent: bool, gain: float, verdict: str):
+def test_a_plain_effect_is_named_unless_the_slices_held_out_speak_against_it(
+    consistent: bool, gain: float, verdict: str
+):
     said = confirmed(weighed((("tilt",), 20.0)), consistent, gain)
     assert said.verdict == verdict
     assert bool(said.named) == (verdict == "effects")
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(0.9, "none"), (1.1, "effects")])
+@pytest.mark.parametrize(("odds", "plain"), [(1.5, False), (2.5, True)])  # none 0.4 and 0.29
+def test_an_effect_that_none_rivals_needs_the_slices_held_out(gain: float, verdict: str, odds: float, plain: bool):
+    said = confirmed(weighed((("tilt",), np.log(odds))), True, gain)
+    assert said.verdict == ("effects" if plain else verdict)
 
 
 @pytest.mark.parametrize(("consistent", "verdict"), [(True, "none"), (False, "unknown")])
