@@ -59,7 +59,7 @@ def diagnose(prepared: Prepared, told: Told | None = None) -> Diagnosis:
     consistency = judge(problem.residual, problem.members, posterior, none, shapes)
     tell("slices held out", 0.72)
     folds = held_out(problem)
-    decision = confirmed(posterior, consistency.consistent, gain_of(problem, folds))
+    decision = confirmed(posterior, consistency.consistent, gain_of(problem, folds), problem.run.relative_u)
     leading = none if decision.verdict in ("none", "unknown") else decision.leading.fit
     assert leading is not None
     weights = _weights(problem.members, leading)

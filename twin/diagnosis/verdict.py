@@ -24,6 +24,8 @@ _SURE = 0.5
 _CONFIRMED = 1.0
 #: Largest probability of none at which an effect is named without them, unless they speak against it.
 _IMPROBABLE = 0.3
+#: Least root mean square of an effect over the run's uncertainty at which it is named in a run that looks consistent.
+_SMALLEST = 1 / 3
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def decide(posterior: Posterior) -> Decision:
     return Decision(verdict, named if verdict == "effects" else (), ranked(posterior, slots), leading)
 
 
-def confirmed(posterior: Posterior, consistent: bool, gain: float) -> Decision:
+def confirmed(posterior: Posterior, consistent: bool, gain: float, relative_u: FloatArray) -> Decision:
     """What is said once the slices held out were asked.
 
     An effect that predicts them worse than the nominal twin is not named. Where the run is consistent and they hardly
@@ -90,10 +92,13 @@ def confirmed(posterior: Posterior, consistent: bool, gain: float) -> Decision:
         Whether the run agrees with the twin within the budget.
     gain
         Nats by which what was chosen without them predicts the held-out slices better than the nominal twin.
+    relative_u, shape (point,)
+        Relative standard uncertainty of the run. Errors that are smooth let a change be seen far below it, where two
+        models of one laboratory differ as well.
     """
     decision = decide(posterior)
     if decision.verdict == "effects":
-        if gain < 0:
+        if gain < 0 or (consistent and _severity(decision.leading, relative_u) < _SMALLEST):
             return replace(decision, verdict="none" if consistent else "undecided", named=())
         if not consistent or posterior.none <= _IMPROBABLE:
             return decision
@@ -117,6 +122,12 @@ def ranked(posterior: Posterior, leading: Sequence[Named]) -> tuple[Named, ...]:
 def _leading(posterior: Posterior) -> Hypothesis:
     """The most probable explanation by named effects."""
     return next((h for h in posterior.hypotheses if h.names and not h.unknown), posterior.hypotheses[0])
+
+
+def _severity(leading: Hypothesis, relative_u: FloatArray) -> float:
+    """Root mean square of an explanation's relative change over the run's relative uncertainty."""
+    assert leading.fit is not None
+    return float(np.sqrt(np.mean((np.expm1(leading.fit.table) / relative_u) ** 2)))
 
 
 def _named(leading: Hypothesis, posterior: Posterior) -> tuple[Named, ...]:

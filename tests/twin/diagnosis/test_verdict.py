@@ -9,15 +9,17 @@ import pytest
 
 from twin.diagnosis.fit import Fit
 from twin.diagnosis.posterior import Hypothesis, Posterior, normalised
-from twin.diagnosis.verdict import LARGEST_CLASS, TOLD_APART, confirmed, decide
+from twin.diagnosis.verdict import LARGEST_CLASS, TOLD_APART, Decision, confirmed, decide
+
+U = np.array([0.01, 0.02])
 
 
 def fit(*names: str) -> Fit:
-    """A fit with one parameter an effect: 1, 2, ... with standard uncertainties of a tenth."""
+    """A fit with one parameter an effect: 1, 2, ... with standard uncertainties of a tenth; a change of two in U."""
     count = len(names)
     values = 1.0 + np.arange(count)
     covariance = np.diag((0.1 * values) ** 2)
-    return Fit(names, 0.0, np.zeros(1), values, covariance, np.zeros(3), 0, (1,) * count)
+    return Fit(names, 0.0, np.zeros(1), values, covariance, np.log1p(2 * U), 0, (1,) * count)
 
 
 def weighed(*entries: tuple[tuple[str, ...], float], unknown: float = -50.0, none: float = 0.0) -> Posterior:
@@ -104,7 +106,7 @@ def test_effect_and_none_and_unknown_alike_is_undecided():
 def test_a_plain_effect_is_named_unless_the_slices_held_out_speak_against_it(
     consistent: bool, gain: float, verdict: str
 ):
-    said = confirmed(weighed((("tilt",), 20.0)), consistent, gain)
+    said = confirmed(weighed((("tilt",), 20.0)), consistent, gain, U)
     assert said.verdict == verdict
     assert bool(said.named) == (verdict == "effects")
 
@@ -112,13 +114,24 @@ def test_a_plain_effect_is_named_unless_the_slices_held_out_speak_against_it(
 @pytest.mark.parametrize(("gain", "verdict"), [(0.9, "none"), (1.1, "effects")])
 @pytest.mark.parametrize(("odds", "plain"), [(1.5, False), (2.5, True)])  # none 0.4 and 0.29
 def test_an_effect_that_none_rivals_needs_the_slices_held_out(gain: float, verdict: str, odds: float, plain: bool):
-    said = confirmed(weighed((("tilt",), np.log(odds))), True, gain)
+    said = confirmed(weighed((("tilt",), np.log(odds))), True, gain, U)
     assert said.verdict == ("effects" if plain else verdict)
+
+
+@pytest.mark.parametrize(("severity", "verdict"), [(0.32, "none"), (0.35, "effects")])
+def test_a_change_below_a_third_of_the_uncertainty_is_no_gap_where_the_run_is_consistent(severity: float, verdict: str):
+    posterior = weighed((("tilt",), 20.0))
+
+    def said(consistent: bool) -> Decision:
+        return confirmed(posterior, consistent, 20.0, 2 * U / severity)
+
+    assert said(True).verdict == verdict
+    assert said(False).verdict == "effects"
 
 
 @pytest.mark.parametrize(("consistent", "verdict"), [(True, "none"), (False, "unknown")])
 def test_an_unknown_cause_is_said_of_runs_that_are_not_consistent(consistent: bool, verdict: str):
-    assert confirmed(weighed(unknown=20.0), consistent, 0.0).verdict == verdict
+    assert confirmed(weighed(unknown=20.0), consistent, 0.0, U).verdict == verdict
 
 
 def test_two_effects_are_both_named_each_with_its_class():
