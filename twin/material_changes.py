@@ -90,7 +90,7 @@ def with_specular_lobe(material: Material, amplitude: float, roughness: float, n
     Raises
     ------
     InputError
-        For a roughness outside (0, 1], or a sum that no surface can have.
+        For a roughness outside 0.03 to 1, a share outside 0 to 1, or a sum that no surface can have.
     """
     return specular_lobe(material, roughness, normal).added(amplitude)
 
@@ -115,6 +115,8 @@ def specular_lobe(material: Material, roughness: float, normal: float = 0.0) -> 
     """The lobe of :func:`with_specular_lobe` at unit amplitude."""
     if not 0.03 <= roughness <= 1:
         raise InputError(f"specular lobe: roughness: found {roughness:g}; expected 0.03 to 1")
+    if not 0 <= normal <= 1:
+        raise InputError(f"specular lobe: share of normal slopes: found {normal:g}; expected 0 to 1")
 
     def lobe(cos_o: FloatArray, phi_rad: FloatArray, cos_i: FloatArray) -> FloatArray:
         with_tails = np.pi * microfacet(cos_o, phi_rad, cos_i, roughness) if normal < 1 else np.array(0.0)

@@ -149,6 +149,7 @@ def test_a_scaled_material_is_scaled_in_every_direction() -> None:
         (lambda m: with_retroreflection(m, 20.0, 20.0), "times over"),
         (lambda m: with_retroreflection(m, -2.0, 5.0), "entries are negative"),
         (lambda m: with_specular_lobe(m, 0.1, 0.0), "roughness: found 0"),
+        (lambda m: with_specular_lobe(m, 0.1, 0.3, 1.2), "share of normal slopes: found 1.2; expected 0 to 1"),
         (lambda m: m.scaled(-0.1), "entries are negative"),
         (lambda m: m.scaled(3.0), "times over"),
     ],
