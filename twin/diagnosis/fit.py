@@ -98,12 +98,13 @@ class Fit:
     best: int
     sizes: tuple[int, ...] = field(default=())
     log_peak: float = -np.inf
+    tables: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def fit_none(residual: FloatArray, members: Sequence[Normal]) -> Fit:
     """No effect: the budget explains the residuals."""
     by = np.array([member.log_density(residual) for member in members])
-    return _fit((), (), by, members, np.zeros(0), np.zeros((0, 0)), np.zeros(len(residual)))
+    return _fit((), (), by, members, np.zeros(0), np.zeros((0, 0)), np.zeros((0, len(residual))))
 
 
 def fit_single(component: Component, residual: FloatArray, members: Sequence[Normal]) -> Fit | None:
@@ -132,7 +133,7 @@ def fit_single(component: Component, residual: FloatArray, members: Sequence[Nor
     by = np.where(relevant, by, -np.inf)
     mean, covariance = _mixture(by + weights, np.array(places), np.array(spreads))
     mean = _inside(mean, [component])
-    return _fit((component.name,), (len(mean),), by, members, mean, covariance, component.row(mean))
+    return _fit((component.name,), (len(mean),), by, members, mean, covariance, component.row(mean)[None])
 
 
 @dataclass(frozen=True)
@@ -229,9 +230,9 @@ def fit_pair(
     mean, covariance = _mixture(by[numbers] + weights, np.array(places), np.array(spreads))
     mean = _inside(mean, pair)
     parts = _split(mean, pair)
-    table = first.row(parts[0]) + second.row(parts[1])
+    tables = np.stack([first.row(parts[0]), second.row(parts[1])])
     sizes = tuple(len(p) for p in parts)
-    return _fit((first.name, second.name), sizes, by, members, mean, covariance, table)
+    return _fit((first.name, second.name), sizes, by, members, mean, covariance, tables)
 
 
 def _fit(
@@ -241,10 +242,13 @@ def _fit(
     members: Sequence[Normal],
     mean: FloatArray,
     covariance: FloatArray,
-    table: FloatArray,
+    tables: FloatArray,
 ) -> Fit:
     weighted = by + np.array([member.log_weight for member in members])
-    return Fit(names, float(log_sum(weighted)), by, mean, covariance, table, int(np.argmax(weighted)), sizes)
+    best = int(np.argmax(weighted))
+    return Fit(
+        names, float(log_sum(weighted)), by, mean, covariance, tables.sum(axis=0), best, sizes=sizes, tables=tables
+    )
 
 
 def _whitened(components: Sequence[Component], value: FloatArray, member: Normal) -> tuple[FloatArray, FloatArray]:

@@ -20,12 +20,14 @@ FITS_ALIKE = 1.0
 LARGEST_CLASS = 5
 #: Least probability of what is said.
 _SURE = 0.5
-#: Nats by which held-out slices must speak for an effect in a run that looks consistent, where none is not improbable.
+#: Nats by which held-out slices must speak: for a cause that is unknown in a run that looks consistent, or against an
+#: effect.
 _CONFIRMED = 1.0
-#: Largest probability of none at which an effect is named without them, unless they speak against it.
-_IMPROBABLE = 0.3
 #: Least root mean square of an effect over the run's uncertainty at which it is named in a run that looks consistent.
 _SMALLEST = 1 / 3
+#: Least size of an effect over that of the other at which both are named: less is what another form of the first does
+#: (another rim, another lobe, see :mod:`twin.diagnosis.unknown`).
+_BESIDE = 1 / 3
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,9 @@ def decide(posterior: Posterior) -> Decision:
     leading = _leading(posterior)
     slots = sorted(_named(leading, posterior), key=lambda n: -n.probability)
     best = slots[0].probability if slots else 0.0
-    # A second effect is named only where it is more probable than not.
-    named = tuple(n for n in slots if n is slots[0] or n.probability >= _SURE)
+    # A second effect is named only where it is more probable than not, and more than an error of the first one's form.
+    small = _too_small(leading)
+    named = tuple(n for n in slots if n.effect not in small and (n is slots[0] or n.probability >= _SURE))
     verdict: Verdict
     if posterior.none >= max(_SURE, best) or (posterior.none > best and posterior.none > posterior.unknown):
         verdict = "none"
@@ -82,9 +85,9 @@ def decide(posterior: Posterior) -> Decision:
 def confirmed(posterior: Posterior, consistent: bool, gain: float, relative_u: FloatArray) -> Decision:
     """What is said once the slices held out were asked.
 
-    An effect that predicts them worse than the nominal twin is not named. Where the run is consistent and they hardly
-    speak for the choice, nothing is wrong, unless the evidence of all slices together leaves little to that: what all
-    of them share, as a scale, is too little to be chosen from two thirds of them long before it is too little in all.
+    An effect is not named against them, nor where it is too small to be a gap of a run that agrees with the twin. An
+    unknown cause of such a run needs them: an effect has a form that the rest of the run knows, what is unknown has
+    none.
 
     Parameters
     ----------
@@ -98,10 +101,10 @@ def confirmed(posterior: Posterior, consistent: bool, gain: float, relative_u: F
     """
     decision = decide(posterior)
     if decision.verdict == "effects":
-        if gain < 0 or (consistent and _severity(decision.leading, relative_u) < _SMALLEST):
-            return replace(decision, verdict="none" if consistent else "undecided", named=())
-        if not consistent or posterior.none <= _IMPROBABLE:
+        small = consistent and _severity(decision.leading, relative_u) < _SMALLEST
+        if not small and gain >= -_CONFIRMED:
             return decision
+        return replace(decision, verdict="none" if consistent else "undecided", named=())
     if consistent and gain < _CONFIRMED:
         return replace(decision, verdict="none", named=())
     return decision
@@ -128,6 +131,14 @@ def _severity(leading: Hypothesis, relative_u: FloatArray) -> float:
     """Root mean square of an explanation's relative change over the run's relative uncertainty."""
     assert leading.fit is not None
     return float(np.sqrt(np.mean((np.expm1(leading.fit.table) / relative_u) ** 2)))
+
+
+def _too_small(leading: Hypothesis) -> set[str]:
+    """Effects of an explanation that are no more than an error of the other one's form."""
+    if leading.fit is None or len(leading.fit.tables) < 2:
+        return set()
+    size = np.sqrt(np.mean(leading.fit.tables**2, axis=1))
+    return {name for name, one in zip(leading.names, size, strict=True) if one < _BESIDE * np.max(size)}
 
 
 def _named(leading: Hypothesis, posterior: Posterior) -> tuple[Named, ...]:

@@ -14,7 +14,7 @@ from twin.diagnosis.effects.base import Known, Parameter, SceneEffect
 from twin.diagnosis.variation import ArtifactChange, Variation
 
 #: Shares of a dimension, or of the room for it, that a change may take.
-_OF_DIAMETER, _OF_THICKNESS, _OF_GAP, _OF_ROOM = 0.15, 0.35, 0.35, 0.8
+_OF_DIAMETER, _OF_THICKNESS, _OF_GAP, _OF_ROOM = 0.15, 0.55, 0.35, 0.8
 
 
 class _Dimension(SceneEffect):
@@ -73,15 +73,15 @@ class PlateThicknessChange(_Dimension):
 
     name = "plate_thickness"
     title = "plate thicker or thinner"
-    parameters = (Parameter("delta_mm", "mm", 0.13, (-0.4, 0.7)),)
-    nodes: ClassVar = (7,)
+    parameters = (Parameter("delta_mm", "mm", 0.13, (-0.6, 0.7)),)
+    nodes: ClassVar = (9,)
     confused_with = ("hole_diameter", "cavity_depth")
     separated_by = "illumination zenith 60 degrees"
 
     def limits(self, known: Known) -> tuple[float, float]:
         form = known.artifact.form
         gap = form.cavity_depth - form.plate_thickness
-        return -_OF_THICKNESS * form.plate_thickness, min(2 * _OF_THICKNESS * form.plate_thickness, _OF_GAP * gap)
+        return -_OF_THICKNESS * form.plate_thickness, min(0.7 * form.plate_thickness, _OF_GAP * gap)
 
     def budget(self, known: Known) -> float:
         return known.artifact.form.u_plate_thickness
