@@ -10,6 +10,7 @@ import numpy as np
 
 from instrument.angles import FloatArray
 from twin.diagnosis.posterior import Hypothesis, Posterior
+from twin.diagnosis.unknown import LAW_ERROR
 
 Verdict = Literal["none", "effects", "unknown", "undecided"]
 #: Effects whose evidence lies within so many nats of the best cannot be told from it (about 95 to 5).
@@ -25,9 +26,9 @@ _SURE = 0.5
 _CONFIRMED = 1.0
 #: Least root mean square of an effect over the run's uncertainty at which it is named in a run that looks consistent.
 _SMALLEST = 1 / 3
-#: Least size of an effect over that of the other at which both are named: less is what another form of the first does
-#: (another rim, another lobe, see :mod:`twin.diagnosis.unknown`).
-_BESIDE = 1 / 3
+#: Least size of an effect over that of the other at which both are named: less is within two standard errors of the
+#: other's form, as another rim or another lobe makes them.
+_BESIDE = 2 * LAW_ERROR
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def test_second_effect_that_is_less_probable_than_not_is_left_out():
         assert named.probability >= 0.5
 
 
-@pytest.mark.parametrize(("ratio", "both"), [(0.30, False), (0.37, True)])
+@pytest.mark.parametrize(("ratio", "both"), [(0.37, False), (0.43, True)])
 @pytest.mark.parametrize("larger", [0, 1])
 def test_second_effect_that_an_error_of_the_first_ones_form_would_make_is_left_out(
     ratio: float, both: bool, larger: int
