@@ -17,6 +17,9 @@ Verdict = Literal["none", "effects", "unknown", "undecided"]
 TOLD_APART = 3.0
 #: Nor can those that fit the run within so many nats of it: one that is dearer by its prior alone is not ruled out.
 FITS_ALIKE = 1.0
+#: An effect that explains the run by less than so many nats more than what is left without it stands in no place of
+#: another.
+_EXPLAINS = 0.5
 #: A class of more effects names nothing.
 LARGEST_CLASS = 5
 #: Least probability of what is said.
@@ -150,8 +153,12 @@ def _slot(leading: Hypothesis, slot: int, posterior: Posterior) -> Named:
     """One effect of an explanation, and those that could stand in its place."""
     others = set(leading.names) - {leading.names[slot]}
     members = [leading.names[slot]]
+    without = [h.log_evidence for h in posterior.hypotheses if not h.unknown and set(h.names) == others]
+    least = max(without, default=-np.inf) + _EXPLAINS
     for other in posterior.hypotheses:
         if other.unknown or len(other.names) != len(leading.names) or not others <= set(other.names):
+            continue
+        if other.log_evidence < least:
             continue
         rest = [name for name in other.names if name not in others]
         if _near(leading, other) and len(rest) == 1 and rest[0] not in members:

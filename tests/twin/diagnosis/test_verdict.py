@@ -73,6 +73,21 @@ def test_effect_whose_fit_was_not_asked_is_judged_by_its_evidence():
     assert named.members == ("stray",)
 
 
+@pytest.mark.parametrize(("better", "inside"), [(0.4, False), (0.6, True)])
+def test_class_holds_no_effect_that_explains_hardly_more_than_none(better: float, inside: bool):
+    posterior = weighed((("stray",), 2.0), (("dark",), better))
+    assert (set(decide(posterior).ranking[0].members) == {"stray", "dark"}) == inside
+
+
+@pytest.mark.parametrize(("better", "inside"), [(0.4, False), (0.6, True)])
+def test_class_of_a_second_effect_holds_none_that_explains_hardly_more_than_the_first_alone(
+    better: float, inside: bool
+):
+    decision = decide(weighed((("tilt", "stray"), 30.0), (("tilt", "dark"), 28.0 + better), (("tilt",), 28.0)))
+    classes = {named.effect: set(named.members) for named in decision.named}
+    assert classes == {"tilt": {"tilt"}, "stray": {"stray", "dark"} if inside else {"stray"}}
+
+
 def test_probability_of_a_class_is_that_of_its_members_together():
     posterior = weighed((("stray",), 20.0), (("dark",), 19.0), (("tilt",), 19.5 - TOLD_APART))
     (named,) = decide(posterior).named
