@@ -7,7 +7,8 @@ one a point for a random one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,6 +18,17 @@ from instrument.angles import FloatArray
 from instrument.dataset import component_names
 from instrument.errors import InputError
 
+#: Rows of the budget whose errors change their sign with the direction: what their standard uncertainty is multiplied
+#: with, columns whose squares add up to 1 at most, by signed zenith and azimuth of the sensor (degree).
+_PATTERNS: dict[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, ...]]] = {
+    "sensor_zenith": lambda zenith, azimuth: (np.sign(zenith),),
+    "sensor_azimuth": lambda zenith, azimuth: (np.sign(zenith) * np.sign(np.sin(np.deg2rad(azimuth)).round(9)),),
+    "placement": lambda zenith, azimuth: (
+        np.sign(zenith) * np.cos(np.deg2rad(azimuth)),
+        np.sign(zenith) * np.sin(np.deg2rad(azimuth)),
+    ),
+    "polarization": lambda zenith, azimuth: (np.cos(np.deg2rad(2 * azimuth)),),
+}
 #: How the errors of a component are taken to correlate where the file does not say: common to all points, to the points
 #: of a slice (one wavelength, illumination zenith and sensor azimuth), or to none.
 Unstated = Literal["common", "slice", "independent"]
@@ -42,7 +54,9 @@ class Component:
     assumed: str = ""
 
 
-def coupon_components(run: xr.Dataset, name: str, unstated: Unstated = "slice") -> list[Component]:
+def coupon_components(
+    run: xr.Dataset, name: str, unstated: Unstated = "slice", *, by_direction: bool = False
+) -> list[Component]:
     """Split the uncertainty of a coupon run into independent errors.
 
     Parameters
@@ -52,6 +66,10 @@ def coupon_components(run: xr.Dataset, name: str, unstated: Unstated = "slice") 
         without components.
     name
         Names the file in errors.
+    by_direction
+        Whether systematic errors of zenith, azimuth, tilt and polarisation change their sign as their physics does: a
+        sensor arm that is off by an angle reads more on one side of the normal and less on the other, where one factor
+        for all directions would be a scale.
 
     Raises
     ------
@@ -62,6 +80,8 @@ def coupon_components(run: xr.Dataset, name: str, unstated: Unstated = "slice") 
         raise InputError(f"correlation: found {unstated!r}; expected {', '.join(get_args(Unstated))}")
     names = component_names(run) or ["u_brf"]
     found = [_component(run, variable, name, unstated) for variable in names]
+    if by_direction:
+        found = [_turned(run, component) for component in found]
     return [component for component in found if np.any(component.modes)]
 
 
@@ -82,6 +102,14 @@ def _component(run: xr.Dataset, variable: str, name: str, unstated: Unstated) ->
     raise InputError(
         f"{name}: {variable}: err_corr_1_form: found {form!r}; expected random, systematic or err_corr_matrix"
     )
+
+
+def _turned(run: xr.Dataset, component: Component) -> Component:
+    """A component that is common to all points, with the sign that it has in each direction."""
+    if component.name not in _PATTERNS or component.modes.shape[1] != 1 or component.assumed:
+        return component
+    zenith, azimuth = (np.asarray(run[axis].values, dtype=float) for axis in ("sensor_zenith", "sensor_azimuth"))
+    return replace(component, modes=component.modes * np.stack(_PATTERNS[component.name](zenith, azimuth), axis=1))
 
 
 def _common(u: FloatArray) -> FloatArray:

@@ -178,6 +178,7 @@ def state_vector(
     *,
     setup: Setup | None = None,
     unstated: Unstated = "slice",
+    by_direction: bool = False,
 ) -> StateVector:
     """Collect every input that has an uncertainty.
 
@@ -191,6 +192,9 @@ def state_vector(
         Nominal place of instrument and sample, single numbers.
     unstated
         Correlation of components of the coupon run that state none.
+    by_direction
+        Whether systematic errors of the coupon run change their sign with the direction, as their physics does
+        (:func:`~twin.coupon_errors.coupon_components`).
     """
     notes = []
     blocks = _instrument(facility, setup or Setup())
@@ -201,7 +205,9 @@ def state_vector(
     if coupon is None:
         notes.append("the material is a table: its uncertainty is not stated and not propagated")
     else:
-        for component in coupon_components(coupon, material.name, unstated):
+        if by_direction:
+            notes.append("material: systematic errors of angles change their sign with the direction")
+        for component in coupon_components(coupon, material.name, unstated, by_direction=by_direction):
             blocks.append(_material(component.name, component.modes))
             if component.assumed:
                 notes.append(f"material {component.assumed}")

@@ -200,6 +200,35 @@ class TestCoupon:
         with pytest.raises(InputError, match="eigenvalue"):
             coupon_components(run, "coupon")
 
+    @pytest.mark.parametrize(
+        ("name", "expected"),
+        [
+            # An arm that is off by an angle reads more on one side of the normal and less on the other.
+            ("sensor_zenith", {(30, 0): [1], (-30, 0): [-1], (0, 90): [0], (60, 250): [1]}),
+            # A surface that reflects alike left and right of the plane of incidence changes oppositely there.
+            ("sensor_azimuth", {(30, 0): [0], (30, 180): [0], (30, 90): [1], (-30, 90): [-1], (30, 270): [-1]}),
+            # Tilts about two axes; the same direction, shown as (-30, 90) or (30, 270), has the same error.
+            ("placement", {(30, 0): [1, 0], (-30, 0): [-1, 0], (-30, 90): [0, -1], (30, 270): [0, -1]}),
+            ("polarization", {(30, 0): [1], (30, 90): [-1], (-30, 45): [0], (30, 180): [1]}),
+            ("reference", {(30, 0): [1], (-30, 0): [1], (30, 90): [1]}),
+        ],
+    )
+    def test_systematic_errors_of_angles_have_the_sign_of_their_direction(
+        self, name: str, expected: dict[tuple[float, float], list[float]]
+    ) -> None:
+        run = coupon(**{name: (0.002, SYSTEMATIC)}).isel(point=slice(0, len(expected)))
+        zenith, azimuth = np.array(list(expected), dtype=float).T
+        run = run.assign_coords(sensor_zenith=("point", zenith), sensor_azimuth=("point", azimuth))
+        (component,) = coupon_components(run, "coupon", by_direction=True)
+        np.testing.assert_allclose(component.modes / 0.0012, list(expected.values()), atol=1e-12)
+        (stated,) = coupon_components(run, "coupon")
+        np.testing.assert_allclose(stated.modes, 0.0012)
+
+    def test_a_component_whose_correlation_was_assumed_keeps_it_in_all_directions(self) -> None:
+        run = coupon(sensor_zenith=(0.002, {}))
+        one, other = (coupon_components(run, "coupon", "common", by_direction=choice) for choice in (True, False))
+        np.testing.assert_array_equal(one[0].modes, other[0].modes)
+
     def test_an_unknown_form_and_a_missing_matrix_are_named(self) -> None:
         with pytest.raises(InputError, match="triangle"):
             coupon_components(coupon(noise=(0.01, {"err_corr_1_form": "triangle"})), "coupon")

@@ -92,7 +92,6 @@ def correlations(run: Observation) -> list[tuple[str, float, FloatArray]]:
             (f"smooth over directions, {length:g} degrees", 0.12 / len(OVER_DIRECTIONS), over_directions(run, length))
             for length in OVER_DIRECTIONS
         ),
-        ("one factor an illumination", 0.03, (run.illumination[:, None] == run.illumination[None, :]).astype(float)),
         *(
             (f"wander in time, {share:g} of the run", 0.08 / len(TIMES), _decaying(run.progress, share))
             for share in TIMES

@@ -188,7 +188,8 @@ class Bench:
 
     def state(self) -> StateVector:
         """The uncertain inputs that have no response of their own: coupon and single holes."""
-        return unplaced(state_vector(self.facility, self.artifact, self.material, coupon_of(self.inputs.material)))
+        coupon = coupon_of(self.inputs.material)
+        return unplaced(state_vector(self.facility, self.artifact, self.material, coupon, by_direction=True))
 
 
 def unplaced(state: StateVector) -> StateVector:

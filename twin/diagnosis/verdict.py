@@ -24,10 +24,12 @@ _EXPLAINS = 0.5
 LARGEST_CLASS = 5
 #: Least probability of what is said.
 _SURE = 0.5
-#: Nats by which held-out slices must speak: for a cause that is unknown in a run that looks consistent, or against an
-#: effect.
+#: Nats by which held-out slices must speak: for an effect that is less than likely, or a cause that is unknown in a run
+#: that looks consistent; or against an effect.
 _CONFIRMED = 1.0
-#: Least root mean square of an effect over the run's uncertainty at which it is named in a run that looks consistent.
+#: Probability from which an effect is likely.
+_LIKELY = 0.7
+#: Least root mean square of an effect over the run's uncertainty at which it is named.
 _SMALLEST = 1 / 3
 #: Least size of an effect over that of the other at which both are named: less is within two standard errors of the
 #: other's form, as another rim or another lobe makes them.
@@ -89,9 +91,9 @@ def decide(posterior: Posterior) -> Decision:
 def confirmed(posterior: Posterior, consistent: bool, gain: float, relative_u: FloatArray) -> Decision:
     """What is said once the slices held out were asked.
 
-    An effect is not named against them, nor where it is too small to be a gap of a run that agrees with the twin. An
-    unknown cause of such a run needs them: an effect has a form that the rest of the run knows, what is unknown has
-    none.
+    An effect is not named against them, nor where it is too small to be told from the difference of two models of one
+    laboratory. One that is not likely needs them, and so does an unknown cause of a run that agrees with the twin: a
+    likely effect has a form that the rest of the run knows, what is unknown has none.
 
     Parameters
     ----------
@@ -100,13 +102,13 @@ def confirmed(posterior: Posterior, consistent: bool, gain: float, relative_u: F
     gain
         Nats by which what was chosen without them predicts the held-out slices better than the nominal twin.
     relative_u, shape (point,)
-        Relative standard uncertainty of the run. Errors that are smooth let a change be seen far below it, where two
-        models of one laboratory differ as well.
+        Relative standard uncertainty of the run. Errors that are smooth let a change be seen far below it.
     """
     decision = decide(posterior)
     if decision.verdict == "effects":
-        small = consistent and _severity(decision.leading, relative_u) < _SMALLEST
-        if not small and gain >= -_CONFIRMED:
+        likely = decision.named[0].probability >= _LIKELY
+        small = _severity(decision.leading, relative_u) < _SMALLEST
+        if not small and gain >= (-_CONFIRMED if likely else _CONFIRMED):
             return decision
         return replace(decision, verdict="none" if consistent else "undecided", named=())
     if consistent and gain < _CONFIRMED:

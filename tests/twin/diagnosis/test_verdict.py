@@ -9,7 +9,7 @@ import pytest
 
 from twin.diagnosis.fit import Fit
 from twin.diagnosis.posterior import Hypothesis, Posterior, normalised
-from twin.diagnosis.verdict import LARGEST_CLASS, TOLD_APART, Decision, confirmed, decide
+from twin.diagnosis.verdict import LARGEST_CLASS, TOLD_APART, confirmed, decide
 
 U = np.array([0.01, 0.02])
 
@@ -126,15 +126,25 @@ def test_an_effect_is_named_unless_the_slices_held_out_speak_against_it(consiste
     assert bool(said.named) == (verdict == "effects")
 
 
-@pytest.mark.parametrize(("severity", "verdict"), [(0.32, "none"), (0.35, "effects")])
-def test_a_change_below_a_third_of_the_uncertainty_is_no_gap_where_the_run_is_consistent(severity: float, verdict: str):
-    posterior = weighed((("tilt",), 20.0))
+@pytest.mark.parametrize(
+    ("probability", "gain", "named"), [(0.69, 0.9, False), (0.69, 1.1, True), (0.71, 0.9, True), (0.71, -1.1, False)]
+)
+@pytest.mark.parametrize(("consistent", "otherwise"), [(True, "none"), (False, "undecided")])
+def test_an_effect_that_is_not_likely_needs_the_slices_held_out(
+    probability: float, gain: float, named: bool, consistent: bool, otherwise: str
+):
+    posterior = weighed((("tilt",), float(np.log(probability / (1 - probability)))))
+    assert confirmed(posterior, consistent, gain, U).verdict == ("effects" if named else otherwise)
 
-    def said(consistent: bool) -> Decision:
-        return confirmed(posterior, consistent, 20.0, 2 * U / severity)
 
-    assert said(True).verdict == verdict
-    assert said(False).verdict == "effects"
+@pytest.mark.parametrize(("severity", "named"), [(0.32, False), (0.35, True)])
+@pytest.mark.parametrize(("consistent", "otherwise"), [(True, "none"), (False, "undecided")])
+def test_a_change_below_a_third_of_the_uncertainty_is_not_named(
+    severity: float, named: bool, consistent: bool, otherwise: str
+):
+    said = confirmed(weighed((("tilt",), 20.0)), consistent, 20.0, 2 * U / severity)
+    assert said.verdict == ("effects" if named else otherwise)
+    assert bool(said.named) == named
 
 
 @pytest.mark.parametrize(
