@@ -19,7 +19,8 @@ from instrument.dataset import component_names
 from instrument.errors import InputError
 
 #: Rows of the budget whose errors change their sign with the direction: what their standard uncertainty is multiplied
-#: with, columns whose squares add up to 1 at most, by signed zenith and azimuth of the sensor (degree).
+#: with, columns whose squares add up to 1 at most, by the sensor's signed zenith and its azimuth from that of the light
+#: (degree).
 _PATTERNS: dict[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, ...]]] = {
     "sensor_zenith": lambda zenith, azimuth: (np.sign(zenith),),
     "sensor_azimuth": lambda zenith, azimuth: (np.sign(zenith) * np.sign(np.sin(np.deg2rad(azimuth)).round(9)),),
@@ -108,8 +109,12 @@ def _turned(run: xr.Dataset, component: Component) -> Component:
     """A component that is common to all points, with the sign that it has in each direction."""
     if component.name not in _PATTERNS or component.modes.shape[1] != 1 or component.assumed:
         return component
-    zenith, azimuth = (np.asarray(run[axis].values, dtype=float) for axis in ("sensor_zenith", "sensor_azimuth"))
-    return replace(component, modes=component.modes * np.stack(_PATTERNS[component.name](zenith, azimuth), axis=1))
+    zenith, sensor, light = (
+        np.asarray(run[axis].values, dtype=float)
+        for axis in ("sensor_zenith", "sensor_azimuth", "illumination_azimuth")
+    )
+    pattern = np.stack(_PATTERNS[component.name](zenith, sensor - light), axis=1)
+    return replace(component, modes=component.modes * pattern)
 
 
 def _common(u: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from instrument.errors import InputError
 from instrument.facility import Facility
 from twin.coupon import from_coupon
 from twin.coupon_errors import coupon_components
+from twin.input_uncertainty import inputs_digest
 from twin.material import lambertian
 from twin.optics import Setup
 from twin.state_vector import state_vector, state_vector_from_files
@@ -213,16 +214,26 @@ class TestCoupon:
             ("reference", {(30, 0): [1], (-30, 0): [1], (30, 90): [1]}),
         ],
     )
+    @pytest.mark.parametrize("illumination_azimuth", [0.0, 70.0])
     def test_systematic_errors_of_angles_have_the_sign_of_their_direction(
-        self, name: str, expected: dict[tuple[float, float], list[float]]
+        self, name: str, expected: dict[tuple[float, float], list[float]], illumination_azimuth: float
     ) -> None:
         run = coupon(**{name: (0.002, SYSTEMATIC)}).isel(point=slice(0, len(expected)))
         zenith, azimuth = np.array(list(expected), dtype=float).T
-        run = run.assign_coords(sensor_zenith=("point", zenith), sensor_azimuth=("point", azimuth))
+        light = np.full(len(expected), illumination_azimuth)
+        shown = {"sensor_zenith": zenith, "sensor_azimuth": azimuth + light, "illumination_azimuth": light}
+        run = run.assign_coords({axis: ("point", values) for axis, values in shown.items()})
         (component,) = coupon_components(run, "coupon", by_direction=True)
         np.testing.assert_allclose(component.modes / 0.0012, list(expected.values()), atol=1e-12)
         (stated,) = coupon_components(run, "coupon")
         np.testing.assert_allclose(stated.modes, 0.0012)
+
+    def test_errors_that_change_their_sign_are_not_looked_up_as_those_that_do_not(self) -> None:
+        run = coupon(sensor_zenith=(0.002, SYSTEMATIC))
+        states = [
+            state_vector(facility(), flat(), lambertian(0.5), run, by_direction=choice) for choice in (True, False)
+        ]
+        assert len({inputs_digest(state, 0.1) for state in states}) == 2
 
     def test_a_component_whose_correlation_was_assumed_keeps_it_in_all_directions(self) -> None:
         run = coupon(sensor_zenith=(0.002, {}))

@@ -68,6 +68,23 @@ def test_an_arm_that_is_off_changes_the_coupon_as_another_program_says(bench: Be
     np.testing.assert_allclose(found, wanted, atol=0.003)
 
 
+def test_an_arm_that_is_off_errs_oppositely_on_the_two_sides_of_the_coupon_as_another_program_says(
+    bench: Bench,
+) -> None:
+    run = coupon(bench)
+    zenith = run.columns["sensor_zenith"]
+    change = np.log(reading_with(bench.facility, run, OFF_DEG) / reading_with(bench.facility, run, 0.0))
+    at_zenith = dict(zip(zenith, change, strict=True))
+    assert all(at_zenith[z] < at_zenith[-z] for z in (20.0, 45.0, 70.0))
+    state = bench.state()
+    (error,) = (block for block in state.blocks if block.name == "material sensor zenith")
+    coupon_error = state.inputs(np.where(np.array(state.labels) == error.labels[0], 1.0, state.nominal)).coupon_error
+    assert coupon_error is not None
+    assert state.coupon is not None
+    side = np.sign(state.coupon["sensor_zenith"].values)
+    np.testing.assert_array_equal(np.sign(coupon_error), side)
+
+
 @pytest.mark.parametrize("name", ["sample_tilt", "hole_diameter", "reflectance_scale", "anisotropy"])
 def test_effects_of_the_sample_are_none_of_the_coupon(prepared: Prepared, name: str) -> None:
     response = prepared.responses.found[name]

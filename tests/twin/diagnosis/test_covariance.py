@@ -97,6 +97,13 @@ def test_one_factor_a_slice_joins_points_of_a_plane_and_no_others():
     assert set(np.unique(matrix)) == {0.0, 1.0}
 
 
+def test_a_factor_of_a_session_is_no_structure_of_the_errors():
+    # It is what the scale of a session does: among the errors it would explain that effect away.
+    light = run().illumination
+    session = (light[:, None] == light).astype(float)
+    assert not any(np.array_equal(matrix, session) for _, _, matrix in correlations(run()))
+
+
 @pytest.mark.parametrize("length", LENGTHS)
 def test_wander_falls_by_the_square_of_the_zenith_distance_within_a_slice(length: float):
     sound = run()
